@@ -1,0 +1,76 @@
+"""The command line: thin commands that parse, call and report. No algorithm here.
+
+Nothing heavy is imported before a command runs, so that `strokeplan --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from typing import Annotated
+
+import typer
+
+from strokeplan.cli import convert, inspection, planning, presets
+from strokeplan.errors import StrokeplanError
+from strokeplan.version import __version__
+
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="strokeplan",
+    help="Turn a photograph into brush or pen strokes and keep them as vectors.",
+    epilog="Start with: strokeplan plan photo.jpg -o photo.svg",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+_debug = False
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"strokeplan {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    global _debug
+    _debug = debug
+
+
+app.command("plan")(planning.plan)
+app.command("render")(convert.render)
+app.command("export")(convert.export)
+app.command("info")(convert.info)
+app.command("evaluate")(convert.evaluate)
+app.command("inspect")(inspection.inspect)
+app.command("montage")(inspection.montage)
+app.add_typer(presets.app, name="presets")
+
+
+def main() -> None:
+    """Run the command line; errors are one line on stderr, and the exit code says what kind."""
+    warnings.showwarning = lambda message, *_: typer.echo(f"note: {message}", err=True)
+    try:
+        code = app(standalone_mode=False)
+    except StrokeplanError as error:
+        _fail(str(error), error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("interrupted; no file was left half written", INTERRUPTED)
+    except MemoryError:
+        _fail("out of memory; try a smaller picture", 1)
+    sys.exit(code or 0)
+
+
+def _fail(message: str, code: int) -> None:
+    if _debug:
+        raise
+    typer.echo(f"error: {message}", err=True)
+    sys.exit(code)

@@ -1,0 +1,62 @@
+"""What commands show while they work: a progress bar, notes, a summary. Bars and notes go to stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from strokeplan.planner import Progress
+
+
+@contextmanager
+def planning_bar(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
+    """A progress callback for the planner that shows layer, strokes and error; None where nobody looks."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[figures]}"),
+    )
+    with Bar(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("reading", total=1.0, figures="")
+
+        def show(step: Progress) -> None:
+            bar.update(
+                task,
+                description=f"layer {step.layer} of {step.layers}",
+                completed=(step.layer - 1 + step.done / step.total) / step.layers,
+                figures=f"{step.strokes:,} strokes, error {step.error:.1f}",
+            )
+
+        yield show
+
+
+def compiling_note() -> None:
+    """Say so if the kernels must be compiled first: the only run that keeps a user waiting for nothing to see."""
+    from strokeplan.planner import compiled
+
+    if not compiled():
+        typer.echo("compiling the kernels for this machine, once: about ten seconds", err=True)
+
+
+def file_line(path: Path) -> str:
+    """ "photo.svg (1.2 MB)"."""
+    return f"{path} ({size_text(path.stat().st_size)})"
+
+
+def size_text(size: int) -> str:
+    """1234567 → "1.2 MB"."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

@@ -1,0 +1,64 @@
+"""Commands that start from a strokes file: render, export, info, evaluate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from strokeplan.cli.console import file_line
+from strokeplan.cli.options import ImageArgument, PlanArgument
+
+
+def render(
+    plan: PlanArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The picture to write: .png.")],
+    width: Annotated[int | None, typer.Option("--width", help="Width in pixels; the height follows.")] = None,
+    height: Annotated[int | None, typer.Option("--height", help="Height in pixels; the width follows.")] = None,
+    scale: Annotated[float | None, typer.Option("--scale", help="Pixels per unit of the plan. [default: 1]")] = None,
+) -> None:
+    """Paint a strokes file as a picture of any size."""
+    from strokeplan import formats, rendering
+    from strokeplan.errors import FormatError
+
+    if output.suffix.lower() != ".png":
+        raise FormatError(f"{output}: unknown suffix {output.suffix!r} for a picture; known is .png")
+    formats.check_target(output)
+    picture = rendering.render(formats.load(plan), width=width, height=height, scale=scale)
+    formats.write(output, rendering.encode_png(picture))
+    typer.echo(f"wrote {file_line(output)}, {picture.shape[1]} × {picture.shape[0]} pixels")
+
+
+def export(
+    plan: PlanArgument,
+    output: Annotated[
+        list[Path],
+        typer.Option("--output", "-o", help="Where to write: .json, .json.gz, .svg, .svgz or .png; may be repeated."),
+    ],
+) -> None:
+    """Write a strokes file in other formats."""
+    from strokeplan import formats
+
+    for path in output:
+        formats.check_target(path)
+    formats.save_all(formats.load(plan), output)
+    typer.echo("wrote " + ", ".join(file_line(path) for path in output))
+
+
+def info(plan: PlanArgument) -> None:
+    """Say what is in a strokes file."""
+    from strokeplan import formats
+    from strokeplan.strokes import describe
+
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in describe(formats.load(plan))))
+
+
+def evaluate(plan: PlanArgument, image: ImageArgument) -> None:
+    """Compare a strokes file with its photo: PSNR, SSIM, mean RGB distance."""
+    from strokeplan import formats
+    from strokeplan.evaluate import evaluate
+    from strokeplan.image import load_photo
+
+    figures = evaluate(formats.load(plan), load_photo(image))
+    typer.echo(f"PSNR {figures.psnr_db:.2f} dB   SSIM {figures.ssim:.4f}   RGB distance {figures.rgb:.2f}")

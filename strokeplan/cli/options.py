@@ -1,0 +1,35 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Orientation(StrEnum):
+    tensor = "tensor"
+    gradient = "gradient"
+
+
+ImageArgument = Annotated[
+    Path, typer.Argument(metavar="IMAGE", help="The photo: JPEG, PNG, TIFF, WebP, BMP, GIF, PPM.")
+]
+PlanArgument = Annotated[Path, typer.Argument(metavar="PLAN", help="A strokes file (.json, .json.gz).")]
+PresetOption = Annotated[
+    str, typer.Option("--preset", "-p", metavar="NAME|FILE.toml", help="Style; `strokeplan presets` lists them.")
+]
+SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all chance; the same seed gives the same bytes.")]
+OrientationOption = Annotated[
+    Orientation | None, typer.Option("--orientation", help="Where direction comes from. [default: the preset's]")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the preset, e.g. layers.2.width=8."),
+]
+ThreadsOption = Annotated[
+    int | None, typer.Option("--threads", help="Threads to use; the plan is the same. [default: all]")
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]

@@ -1,0 +1,74 @@
+"""strokeplan plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from strokeplan.cli.console import compiling_note, file_line, planning_bar
+from strokeplan.cli.options import (
+    ImageArgument,
+    OrientationOption,
+    PresetOption,
+    QuietOption,
+    SeedOption,
+    SetOption,
+    ThreadsOption,
+)
+
+if TYPE_CHECKING:
+    from strokeplan.planner import Report
+    from strokeplan.strokes import StrokePlan
+
+
+def plan(
+    image: ImageArgument,
+    output: Annotated[
+        list[Path],
+        typer.Option("--output", "-o", help="Where to write: .json, .json.gz, .svg, .svgz or .png; may be repeated."),
+    ],
+    preset: PresetOption = "paper",
+    seed: SeedOption = 0,
+    orientation: OrientationOption = None,
+    settings: SetOption = None,
+    threads: ThreadsOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Plan the strokes of a photo and write them in one or more formats."""
+    begin = perf_counter()
+    from strokeplan import formats, planner, presets
+
+    for path in output:
+        formats.check_target(path)
+    style = presets.load_preset(preset).override(presets.parse_assignments(settings or []))
+    compiling_note()
+    reports: list[Report] = []
+    with planning_bar(quiet) as progress:
+        strokes = planner.plan(
+            image,
+            style,
+            seed,
+            orientation=orientation.value if orientation else None,
+            threads=threads,
+            progress=progress,
+            report=reports.append,
+        )
+    writing = perf_counter()
+    formats.save_all(strokes, output)
+    if not quiet:
+        seconds = {**reports[0].seconds, "write": perf_counter() - writing, "total": perf_counter() - begin}
+        typer.echo(_summary(strokes, reports[0].error, seconds))
+        typer.echo("wrote " + ", ".join(file_line(path) for path in output))
+
+
+def _summary(plan: StrokePlan, error: float, seconds: dict[str, float]) -> str:
+    laid = " + ".join(f"{layer.last - layer.first:,}" for layer in plan.layers)
+    return "\n".join(
+        (
+            f"{len(plan):,} strokes ({laid}), {plan.cubics:,} cubics, mean RGB error {error:.1f}",
+            " · ".join(f"{stage} {spent:.2f} s" for stage, spent in seconds.items()),
+        )
+    )

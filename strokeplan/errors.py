@@ -1,0 +1,54 @@
+"""What can go wrong, and the exit code each kind ends the command line with.
+
+    StrokeplanError            anything this package raises on purpose          1
+    ├── InputError             the caller's file, value or option is wrong      2
+    │   ├── ImageError         a photo that cannot be read or planned           2
+    │   ├── PresetError        a preset, or a value set in one                  2
+    │   └── FormatError        a strokes file, or a suffix nobody handles       2
+    ├── MissingExtraError      an optional package is not installed             2
+    └── OutputError            the result could not be written                  2
+
+Every message is one line that names the value, where it stands and what would be right.
+"""
+
+from __future__ import annotations
+
+
+class StrokeplanError(Exception):
+    """Base of every error that strokeplan raises on purpose."""
+
+    exit_code = 1
+
+
+class InputError(StrokeplanError):
+    """Something the caller handed in is wrong."""
+
+    exit_code = 2
+
+
+class ImageError(InputError):
+    """A photo that cannot be read, or cannot be planned."""
+
+
+class PresetError(InputError):
+    """A preset that is unknown or malformed, or a value out of range."""
+
+
+class FormatError(InputError):
+    """A strokes file that is malformed, or a suffix that no format handles."""
+
+
+class MissingExtraError(StrokeplanError):
+    """An optional dependency is needed and not installed; the message says how to get it."""
+
+    exit_code = 2
+
+
+class OutputError(StrokeplanError):
+    """A result that could not be written; whatever stood there before is untouched."""
+
+    exit_code = 2
+
+
+class StrokeplanWarning(UserWarning):
+    """Something was decided on the caller's behalf (a colour depth cut, a broken profile ignored)."""

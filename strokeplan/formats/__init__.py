@@ -1,0 +1,99 @@
+"""File formats of a StrokePlan, one module each; the suffix picks it."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from strokeplan.errors import FormatError
+from strokeplan.files import atomic_write, check_writable
+from strokeplan.strokes import StrokePlan
+
+Encoder = Callable[[StrokePlan], bytes]
+
+
+def _json(plan: StrokePlan) -> bytes:
+    from strokeplan.formats.json import encode
+
+    return encode(plan)
+
+
+def _svg(plan: StrokePlan) -> bytes:
+    from strokeplan.formats.svg import encode
+
+    return encode(plan)
+
+
+def _png(plan: StrokePlan) -> bytes:
+    from strokeplan.rendering import encode_png, render
+
+    return encode_png(render(plan))
+
+
+def _gzipped(encode: Encoder) -> Encoder:
+    # No time stamp: the same plan gives the same bytes.
+    return lambda plan: gzip.compress(encode(plan), compresslevel=6, mtime=0)
+
+
+WRITERS: dict[str, Encoder] = {
+    ".json": _json,
+    ".json.gz": _gzipped(_json),
+    ".svg": _svg,
+    ".svgz": _gzipped(_svg),
+    ".png": _png,
+}
+READABLE = (".json", ".json.gz")
+
+
+def writer(path: str | os.PathLike[str]) -> Encoder:
+    """The encoder for the suffix of `path`. Raises FormatError for one that nobody handles."""
+    name = Path(path).name.lower()
+    for suffix in sorted(WRITERS, key=len, reverse=True):
+        if name.endswith(suffix):
+            return WRITERS[suffix]
+    raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r}; known are {', '.join(WRITERS)}")
+
+
+def check_target(path: str | os.PathLike[str]) -> None:
+    """Raise now what `save` would raise later: unknown suffix, no Pycairo, no such folder, no permission."""
+    if writer(path) is _png:
+        from strokeplan.rendering import require_cairo
+
+        require_cairo()
+    check_writable(path)
+
+
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Raise OutputError if `path` is not a folder to write into and cannot become one."""
+    path = Path(path)
+    check_writable(path / "figure" if path.is_dir() else path)
+
+
+def write(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write bytes to `path`, whole or not at all. Raises OutputError."""
+    with atomic_write(path) as stream:
+        stream.write(data)
+
+
+def save(plan: StrokePlan, path: str | os.PathLike[str]) -> None:
+    """Write `plan` to `path`, whole or not at all. Raises FormatError, OutputError, MissingExtraError."""
+    write(path, writer(path)(plan))
+
+
+def save_all(plan: StrokePlan, paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Save `plan` to every path; nothing is written before all are encoded."""
+    encoded = [writer(path)(plan) for path in paths]
+    for path, data in zip(paths, encoded, strict=True):
+        write(path, data)
+
+
+def load(path: str | os.PathLike[str]) -> StrokePlan:
+    """Read a strokes file (.json, .json.gz). Raises FormatError, which names the place of a fault."""
+    from strokeplan.formats.json import decode, read
+
+    name = Path(path).name.lower()
+    if not name.endswith(READABLE):
+        raise FormatError(f"{path}: not a strokes file by its suffix; readable are {', '.join(READABLE)}")
+    return decode(read(path), str(path))

@@ -1,0 +1,268 @@
+"""The strokes file, version 1 (docs/strokes-file.md; JSON Schema beside this module).
+
+`d` is a chain of cubics: 2 + 6k numbers. Fields that are not in the schema are refused, except inside
+`settings`, whose content is kept as it is; a file of a newer version is refused by name.
+"""
+
+from __future__ import annotations
+
+import gc
+import gzip
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain, islice
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType
+from numpy.typing import NDArray
+
+from strokeplan.errors import FormatError
+from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb, rgb_to_hex
+
+FORMAT, VERSION = "strokeplan", 1
+MAX_BYTES = 1 << 30
+"""Largest strokes file read, unpacked: some 4 million strokes; a gzip bomb stops here."""
+REACH = 10.0
+"""Coordinates may leave the canvas by this many canvas sizes; further out is a mistake or an attack."""
+
+Color = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$")]
+Extent = Annotated[float, Meta(gt=0, le=1e6)]
+Pixels = Annotated[int, Meta(ge=1, le=10**6)]
+
+
+class StrokeFile(Struct, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+    """One stroke."""
+
+    d: Annotated[list[float], Meta(min_length=8, description="x0, y0, then six numbers a cubic")]
+    width: Annotated[float, Meta(gt=0, description="in the unit of the coordinates")]
+    color: Color
+    pressure: Annotated[list[float], Meta(description="0..1, one value per on-curve point")] | UnsetType = UNSET
+    pen: str | UnsetType = UNSET
+
+
+class LayerFile(Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """A run of strokes, painted in file order."""
+
+    name: str
+    strokes: list[StrokeFile]
+    medium: Literal["paint", "ink"] = "paint"
+    cap: Literal["round", "butt"] = "round"
+
+
+class CanvasFile(Struct, forbid_unknown_fields=True):
+    width: Extent
+    height: Extent
+    background: Color = "#ffffff"
+
+
+class SourceFile(Struct, forbid_unknown_fields=True):
+    name: str
+    sha256: str
+    width: Pixels
+    height: Pixels
+
+
+class PlanFile(Struct, forbid_unknown_fields=True):
+    """A strokes file."""
+
+    format: Literal["strokeplan"]
+    version: Literal[1]
+    canvas: CanvasFile
+    layers: list[LayerFile]
+    source: SourceFile | None = None
+    settings: dict[str, Any] = {}
+
+
+class _Head(Struct):
+    """Enough of a strokes file to know whether the rest can be understood."""
+
+    format: str = ""
+    version: int = 0
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of a strokes file."""
+    made = msgspec.json.schema(PlanFile)
+    made["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    made["title"] = "strokeplan strokes file, version 1"
+    return made
+
+
+@contextmanager
+def paused_gc() -> Iterator[None]:
+    """No garbage collection while millions of small objects without cycles are made: it takes half the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def encode(plan: StrokePlan) -> bytes:
+    """The strokes file of a plan; the same plan gives the same bytes."""
+    with paused_gc():
+        return msgspec.json.encode(_to_file(plan)) + b"\n"
+
+
+def _to_file(plan: StrokePlan) -> PlanFile:
+    flat = plan.points.ravel().tolist()
+    ends = (2 * plan.starts).tolist()
+    widths = plan.widths.tolist()
+    colors = hex_colors(plan.colors)
+    strokes = [
+        StrokeFile(flat[first:last], width, color)
+        for first, last, width, color in zip(ends, islice(ends, 1, None), widths, colors, strict=False)
+    ]
+    _set_pressures(plan, strokes)
+    if plan.pens is not None:
+        for stroke, pen in zip(strokes, plan.pens, strict=True):
+            stroke.pen = UNSET if pen is None else pen
+    source = plan.source
+    return PlanFile(
+        format="strokeplan",
+        version=1,
+        canvas=CanvasFile(float(plan.width), float(plan.height), rgb_to_hex(plan.background)),
+        source=None if source is None else SourceFile(source.name, source.sha256, source.width, source.height),
+        settings=plan.settings,
+        layers=[LayerFile(y.name, strokes[y.first : y.last], y.medium, y.cap) for y in plan.layers],  # type: ignore[arg-type]
+    )
+
+
+def read(path: str | os.PathLike[str]) -> bytes:
+    """The bytes of a strokes file, unpacked if its name ends in .gz. Raises FormatError."""
+    opener = gzip.open if Path(path).name.lower().endswith(".gz") else open
+    try:
+        with opener(path, "rb") as stream:
+            data: bytes = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: is a folder; give a strokes file") from None
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise FormatError(f"{path}: is not a whole gzip file ({error})") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(data) > MAX_BYTES:
+        raise FormatError(f"{path}: holds more than {MAX_BYTES >> 20} MB; that is no strokes file")
+    return data
+
+
+def decode(data: bytes, where: str = "strokes file") -> StrokePlan:
+    """The plan in a strokes file; `where` names it in errors. Raises FormatError with the JSON path of a fault."""
+    try:
+        _check_head(data)
+        with paused_gc():
+            return _to_plan(_DECODER.decode(data))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise FormatError(f"{where}: {error}") from None
+    except FormatError as error:
+        raise FormatError(f"{where}: {error}") from None
+
+
+def _check_head(data: bytes) -> None:
+    # The head is read by itself only if the whole does not decode as version 1 would: reading it twice costs.
+    if data[:40].lstrip().startswith(b'{"format":"strokeplan","version":1,'):
+        return
+    head = _HEAD_DECODER.decode(data)
+    if head.format != FORMAT:
+        raise FormatError(f'is not a strokes file: "format" is {head.format!r}, not {FORMAT!r}')
+    if head.version > VERSION:
+        raise FormatError(f"is of version {head.version}; this strokeplan reads up to version {VERSION}: update it")
+
+
+def _to_plan(document: PlanFile) -> StrokePlan:
+    strokes = list(chain.from_iterable(layer.strokes for layer in document.layers))
+    lengths = np.fromiter((len(stroke.d) for stroke in strokes), np.int64, len(strokes))
+    _refuse(document, (lengths - 2) % 6 != 0, "d", lambda s: f"has {len(s.d)} numbers; a chain of cubics has 2 + 6k")
+    flat = np.fromiter(chain.from_iterable(stroke.d for stroke in strokes), np.float64, int(lengths.sum()))
+    points = flat.reshape(-1, 2)
+    starts = np.concatenate([[0], np.cumsum(lengths // 2)])
+    size = np.array([document.canvas.width, document.canvas.height])
+    far = np.any((points < -REACH * size) | (points > (1 + REACH) * size), axis=1)
+    if far.any():
+        outside = np.zeros(len(strokes), bool)
+        outside[np.searchsorted(starts, np.flatnonzero(far), side="right") - 1] = True
+        _refuse(document, outside, "d", lambda s: f"leaves the canvas by more than {REACH:g} times its size")
+    widths = np.fromiter((stroke.width for stroke in strokes), np.float64, len(strokes))
+    limit = REACH * float(size.max())
+    _refuse(document, widths > limit, "width", lambda s: f"is {s.width:g}; the limit on this canvas is {limit:g}")
+    counts = (lengths - 2) // 6 + 1
+    ends = np.cumsum([len(layer.strokes) for layer in document.layers], dtype=np.int64)
+    source = document.source
+    return StrokePlan(
+        width=document.canvas.width,
+        height=document.canvas.height,
+        points=points,
+        starts=starts,
+        widths=widths,
+        colors=_parse_colors([stroke.color for stroke in strokes]),
+        layers=tuple(
+            Layer(y.name, int(end) - len(y.strokes), int(end), y.medium, y.cap)
+            for y, end in zip(document.layers, ends, strict=True)
+        ),
+        background=hex_to_rgb(document.canvas.background),
+        settings=document.settings,
+        source=None if source is None else Source(source.name, source.sha256, source.width, source.height),
+        pressures=_pressures(document, strokes, counts),
+        pens=_pens(strokes),
+    )
+
+
+def _refuse(document: PlanFile, bad: NDArray[np.bool_], key: str, reason: Any) -> None:
+    """Raise FormatError for the first stroke that is marked bad, with its JSON path."""
+    if not bad.any():
+        return
+    index = int(np.argmax(bad))
+    for number, layer in enumerate(document.layers):
+        if index < len(layer.strokes):
+            path = f"$.layers[{number}].strokes[{index}].{key}"
+            raise FormatError(f"{reason(layer.strokes[index])} - at `{path}`")
+        index -= len(layer.strokes)
+
+
+def _set_pressures(plan: StrokePlan, strokes: list[StrokeFile]) -> None:
+    if plan.pressures is None:
+        return
+    counts = (plan.counts - 1) // 3 + 1
+    for stroke, values in zip(strokes, np.split(plan.pressures, np.cumsum(counts)[:-1]), strict=True):
+        if not np.isnan(values[0]):
+            stroke.pressure = values.tolist()
+
+
+def _pressures(document: PlanFile, strokes: list[StrokeFile], counts: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    if all(stroke.pressure is UNSET for stroke in strokes):
+        return None
+    given = [None if stroke.pressure is UNSET else stroke.pressure for stroke in strokes]
+    bad = np.array([p is not None and len(p) != n for p, n in zip(given, counts, strict=True)])
+    _refuse(document, bad, "pressure", lambda s: f"has {len(s.pressure)} values; one per on-curve point is wanted")
+    bad = np.array([p is not None and not all(0 <= value <= 1 for value in p) for p in given])
+    _refuse(document, bad, "pressure", lambda s: "has a value outside 0..1")
+    return np.concatenate([np.full(n, np.nan) if p is None else p for p, n in zip(given, counts, strict=True)])
+
+
+def _pens(strokes: list[StrokeFile]) -> tuple[str | None, ...] | None:
+    if all(stroke.pen is UNSET for stroke in strokes):
+        return None
+    return tuple(None if isinstance(stroke.pen, UnsetType) else stroke.pen for stroke in strokes)
+
+
+def hex_colors(colors: NDArray[np.uint8]) -> list[str]:
+    """(n, 3) uint8 → n strings "#rrggbb"."""
+    text = np.ascontiguousarray(colors).tobytes().hex()
+    return ["#" + text[i : i + 6] for i in range(0, len(text), 6)]
+
+
+def _parse_colors(colors: list[str]) -> NDArray[np.uint8]:
+    packed = bytes.fromhex("".join(color[1:] for color in colors))
+    return np.frombuffer(packed, np.uint8).reshape(-1, 3).copy()
+
+
+_DECODER = msgspec.json.Decoder(PlanFile)
+_HEAD_DECODER = msgspec.json.Decoder(_Head)

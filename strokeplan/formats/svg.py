@@ -1,0 +1,111 @@
+"""SVG: one named layer group per planner layer, every stroke an editable path.
+
+svgwrite builds the document (root, background, title, metadata, the layer groups, which are Inkscape
+layers too); the lines of the paths, by far the most of it, are streamed into the empty groups. Path
+data are relative cubics of numbers rounded on the absolute grid, so that nothing adds up.
+"""
+
+from __future__ import annotations
+
+import io
+from itertools import islice
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import msgspec
+import numpy as np
+import svgwrite
+
+from strokeplan.formats.json import hex_colors, paused_gc
+from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
+
+INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+NAMESPACE = "urn:strokeplan"
+DECIMALS = 2
+"""Coordinates are written to 1/100 of a pixel of the photo, which is what the planner gives."""
+
+
+def encode(plan: StrokePlan) -> bytes:
+    """The SVG document of a plan, UTF-8; the same plan gives the same bytes."""
+    width, height = _number(plan.width), _number(plan.height)
+    drawing = svgwrite.Drawing(size=(width, height), debug=False, viewBox=f"0 0 {width} {height}")
+    drawing.attribs["xmlns:inkscape"] = INKSCAPE
+    source = plan.source.name if plan.source else ""
+    drawing.set_desc(title=source or "strokeplan", desc=f"{len(plan)} strokes, planned by strokeplan")
+    settings = Element("strokeplan:settings", {"xmlns:strokeplan": NAMESPACE})
+    settings.text = msgspec.json.encode(plan.settings).decode()
+    drawing.set_metadata(settings)
+    drawing.add(drawing.rect((0, 0), ("100%", "100%"), id="background", fill=rgb_to_hex(plan.background)))
+    for number, layer in enumerate(plan.layers, start=1):
+        drawing.add(_group(drawing, plan, layer, number))
+    # Groups are still empty: their paths go where they close.
+    text = io.StringIO()
+    drawing.write(text)
+    head, *tails = text.getvalue().split(_MARK)
+    parts = [head.encode()]
+    with paused_gc():
+        for lines, tail in zip(_path_lines(plan), tails, strict=True):
+            parts += [lines, tail.encode()]
+    return b"".join(parts)
+
+
+_MARK = "<!--strokes-->"
+
+
+class _Mark(svgwrite.base.BaseElement):  # type: ignore[misc]
+    """Where the paths of a layer will stand."""
+
+    elementname = "mark"
+
+    def get_xml(self) -> Any:
+        from xml.etree.ElementTree import Comment
+
+        return Comment("strokes")
+
+
+def _group(drawing: svgwrite.Drawing, plan: StrokePlan, layer: Layer, number: int) -> svgwrite.container.Group:
+    widths = np.unique(plan.widths[layer.first : layer.last])
+    group = drawing.g(id=f"layer{number}", fill="none", stroke_linecap=layer.cap, stroke_linejoin="round")
+    if len(widths) == 1:
+        group["stroke-width"] = _number(widths[0])
+    group.attribs["inkscape:groupmode"] = "layer"
+    group.attribs["inkscape:label"] = layer.name
+    group.add(_Mark())
+    return group
+
+
+def _path_lines(plan: StrokePlan) -> list[bytes]:
+    """The path elements of each layer."""
+    grid = np.rint(plan.points * 10**DECIMALS).astype(np.int64)
+    relative = grid.copy()
+    # Every piece counts from its own start: rows 3k of a stroke, repeated for the three rows that follow.
+    within = np.arange(len(grid)) - np.repeat(plan.starts[:-1], plan.counts)
+    origin = np.arange(len(grid)) - np.where(within == 0, 0, (within - 1) % 3 + 1)
+    later = within > 0
+    relative[later] -= grid[origin[later]]
+    # One call turns all numbers into their shortest text; a list of floats is the fastest there is.
+    numbers = msgspec.json.encode((relative.ravel() / 10**DECIMALS).tolist())[1:-1].replace(b".0,", b",").split(b",")
+    if numbers[-1].endswith(b".0"):
+        numbers[-1] = numbers[-1][:-2]
+    ends = (2 * plan.starts).tolist()
+    colors = [color.encode() for color in hex_colors(plan.colors)]
+    lines = [
+        b'<path stroke="%b" d="M%b %bc%b"/>' % (color, numbers[a], numbers[a + 1], b" ".join(numbers[a + 2 : b]))
+        for a, b, color in zip(ends, islice(ends, 1, None), colors, strict=False)
+    ]
+    layers = []
+    for layer in plan.layers:
+        own = lines[layer.first : layer.last]
+        widths = plan.widths[layer.first : layer.last]
+        if len(np.unique(widths)) > 1:
+            own = [
+                line.replace(b" d=", b' stroke-width="%b" d=' % _number(width).encode(), 1)
+                for line, width in zip(own, widths.tolist(), strict=True)
+            ]
+        layers.append(b"\n" + b"\n".join(own) + b"\n" if own else b"")
+    return layers
+
+
+def _number(value: float) -> str:
+    """Shortest decimal of at most six digits after the point."""
+    return f"{value:.6f}".rstrip("0").rstrip(".")

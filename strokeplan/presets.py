@@ -1,0 +1,215 @@
+"""Presets: named styles, data and not code (presets/*.toml, or a file of the user's).
+
+The one rule for lengths: `lengths = "pixels"` gives them in pixels of the photo; `lengths = "relative"`
+in thousandths of √(width × height) of the photo. `Preset.for_photo` applies it; whatever comes after
+sees pixels.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from math import sqrt
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from strokeplan.errors import PresetError
+
+MAX_LENGTH = 1e5
+Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
+PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
+HexColor = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$")]
+
+
+class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One layer of strokes; everything but color_threshold is a length."""
+
+    sigma: Length
+    """Standard deviation of the blur at which the orientation is measured (Table 1: scale factor σ)."""
+    length: PositiveLength
+    """Longest tract (Table 1)."""
+    width: Annotated[float, Meta(ge=0.1, le=MAX_LENGTH)]
+    """Width of the brush, and side of the grid's cells (Table 1)."""
+    color_threshold: Annotated[float, Meta(ge=0, le=442)]
+    """A cell is tried when the mean RGB distance of photo and canvas exceeds this (Table 1)."""
+    min_length: Length = 0.0
+    """Tracts shorter than this are dropped."""
+    simplify_tolerance: Length = 0.25
+    """Furthest that Ramer–Douglas–Peucker may move the tract."""
+    fit_tolerance: Annotated[float, Meta(ge=0.01, le=MAX_LENGTH)] = 0.75
+    """Furthest that a fitted curve may stray from the simplified tract."""
+
+
+LAYER_LENGTHS = tuple(name for name in LayerPreset.__struct_fields__ if name != "color_threshold")
+
+
+class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A style: everything the planner needs beside the photo and the seed."""
+
+    layers: Annotated[tuple[LayerPreset, ...], Meta(min_length=1, max_length=32)]
+    name: str = ""
+    description: str = ""
+    lengths: Literal["pixels", "relative"] = "pixels"
+    background: HexColor = "#ffffff"
+    """Colour of the bare canvas."""
+    grey: Literal["luma", "mean"] = "luma"
+    """How the photo becomes grey: BT.709 luminance, or the mean of the channels."""
+    orientation: Literal["tensor", "gradient"] = "tensor"
+    derivative_sigma: PositiveLength = 1.0
+    """σ_d of the derivative of Gaussian."""
+    integration_sigma: Length = 1.0
+    """ρ of the tensor's averaging."""
+    coherence: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    """A tract ends where the coherence falls below this."""
+    step_tolerance: Annotated[float, Meta(ge=1e-6, le=MAX_LENGTH)] = 0.05
+    """Largest estimated error of one Runge–Kutta step."""
+    max_step: PositiveLength = 2.0
+    """Longest Runge–Kutta step: a tract cannot leap across a wider band of incoherence."""
+
+    # Where the author's published pictures leave the text, the second value reproduces them.
+    color_test: Literal["rgb", "unscaled"] = "rgb"
+    """Photo and canvas compared in 0..255, or the photo in 0..1 against the canvas in 0..255."""
+    grid: Literal["cells", "nodes"] = "cells"
+    """Cells tile the photo, seeds at their centres; or cells of ⌊width⌋ centred on nodes that far
+    apart, seeds at their far corners, cells that reach over the first row or column left out."""
+    directions: Literal["both", "forward"] = "both"
+    """Followed both ways from the seed, or one way."""
+    interpolation: Literal["aligned", "signed"] = "aligned"
+    """Eigenvectors turned to agree before they are interpolated, or taken with the sign they have."""
+    min_vertices: Annotated[int, Meta(ge=2, le=16)] = 2
+    """Tracts with fewer vertices after simplification are dropped."""
+    fit: Literal["bounded", "free"] = "bounded"
+    """Fitted curves held to the tolerance between vertices, or measured at the vertices alone."""
+    color: Literal["middle", "handle"] = "middle"
+    """One colour a stroke from the middle of its tract, or one a cubic from its second handle."""
+    cap: Literal["round", "butt"] = "round"
+
+    def for_photo(self, width: int, height: int) -> Preset:
+        """This preset with every length in pixels of a photo of that size."""
+        if self.lengths == "pixels":
+            return self
+        unit = sqrt(width * height) / 1000
+        layers = tuple(
+            msgspec.structs.replace(layer, **{name: getattr(layer, name) * unit for name in LAYER_LENGTHS})
+            for layer in self.layers
+        )
+        scaled = msgspec.structs.replace(
+            self,
+            lengths="pixels",
+            layers=layers,
+            **{name: getattr(self, name) * unit for name in PRESET_LENGTHS},
+        )
+        return _from_builtins(msgspec.to_builtins(scaled), f"{self.name} on {width} × {height} pixels")
+
+    def override(self, settings: dict[str, Any]) -> Preset:
+        """A copy with values replaced by dotted key; layers count from 1: {"layers.2.width": 8}."""
+        raw = msgspec.to_builtins(self)
+        for key, value in settings.items():
+            _assign(raw, key, value)
+        return _from_builtins(raw, self.name or "preset")
+
+
+PRESET_LENGTHS = ("derivative_sigma", "integration_sigma", "step_tolerance", "max_step")
+
+
+def names() -> list[str]:
+    """The presets that ship with strokeplan."""
+    return sorted(entry.name.removesuffix(".toml") for entry in _folder().iterdir() if entry.name.endswith(".toml"))
+
+
+def load_preset(preset: str | Path | Preset) -> Preset:
+    """A shipped preset by name, or one from a .toml file. Raises PresetError."""
+    if isinstance(preset, Preset):
+        return preset
+    if str(preset) in names():
+        return _parse((_folder() / f"{preset}.toml").read_bytes(), str(preset), str(preset))
+    path = Path(preset)
+    if path.suffix != ".toml":
+        raise PresetError(f"unknown preset {str(preset)!r}; known are {', '.join(names())}, or give a .toml file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise PresetError(f"preset {path}: cannot be read ({error.strerror})") from None
+    return _parse(data, str(path), path.stem)
+
+
+def source(name: str) -> str:
+    """The text of a shipped preset, comments and all."""
+    if name not in names():
+        raise PresetError(f"unknown preset {name!r}; known are {', '.join(names())}")
+    text: str = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
+    return text
+
+
+def parse_assignments(assignments: list[str]) -> dict[str, Any]:
+    """["layers.2.width=8", "cap=butt"] → {"layers.2.width": 8, "cap": "butt"}."""
+    settings: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip():
+            raise PresetError(f"{assignment!r} is not KEY=VALUE; try layers.2.width=8")
+        try:
+            value = msgspec.toml.decode(f"value = {text.strip()}")["value"]
+        except msgspec.DecodeError:
+            value = text.strip()
+        settings[key.strip()] = value
+    return settings
+
+
+def _folder() -> Any:
+    return files("strokeplan") / "presets"
+
+
+def _parse(data: bytes, where: str, name: str) -> Preset:
+    try:
+        raw = msgspec.toml.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise PresetError(f"preset {where}: is not TOML ({error})") from None
+    raw.setdefault("name", name)
+    return _from_builtins(raw, where)
+
+
+def _from_builtins(raw: Any, where: str) -> Preset:
+    try:
+        preset = msgspec.convert(raw, Preset)
+    except msgspec.ValidationError as error:
+        raise PresetError(f"preset {where}: {_readable(str(error))}") from None
+    return preset
+
+
+def _assign(raw: dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    node: Any = raw
+    for step in (*parents, None):
+        if isinstance(node, list):
+            label = last if step is None else step
+            if not label.isdigit() or not 1 <= int(label) <= len(node):
+                raise PresetError(f"{key}: there is no layer {label!r}; layers are numbered 1 to {len(node)}")
+            if step is None:
+                node[int(label) - 1] = value
+                return
+            node = node[int(label) - 1]
+        elif isinstance(node, dict):
+            label = last if step is None else step
+            if label not in node:
+                raise PresetError(f"{key}: unknown key {label!r}; known are {', '.join(node)}")
+            if step is None:
+                node[label] = value
+                return
+            node = node[label]
+        else:
+            raise PresetError(f"{key}: a value has no parts")
+
+
+def _readable(message: str) -> str:
+    """msgspec's "… - at `$.layers[1].width`" with our numbering: "… (at layers.2.width)"."""
+    text, at, path = message.partition(" - at `$.")
+    if not at:
+        return text
+    head, *indexed = path.rstrip("`").split("[")
+    for part in indexed:
+        index, _, rest = part.partition("]")
+        head += f".{int(index) + 1}{rest}" if index.isdigit() else f"[{part}"
+    return f"{text} (at {head})"

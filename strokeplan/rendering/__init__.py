@@ -1,0 +1,7 @@
+"""Pixels from a plan, at any size (Pycairo, the optional extra `raster`)."""
+
+from __future__ import annotations
+
+from strokeplan.rendering.raster import Surface, encode_png, render, require_cairo
+
+__all__ = ["Surface", "encode_png", "render", "require_cairo"]
