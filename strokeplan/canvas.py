@@ -16,6 +16,8 @@ from strokeplan.jit import kernel
 
 FLATTEN_PX = 0.2
 """Chords of a footprint lie this close to their arc: well below the half pixel that decides a pixel."""
+FLATTEN_SHARE = 0.01
+"""Or within this part of the brush's width, if that is more: long chords save painting joints twice."""
 
 Packed = NDArray[np.uint32]
 
@@ -60,11 +62,12 @@ def paint_chain(
 ) -> None:
     """Paint the chain of `pieces` cubics that starts at chain[at] with a round brush of `width` pixels."""
     radius = 0.5 * width
+    tolerance = max(FLATTEN_PX, FLATTEN_SHARE * width)
     ax, ay = chain[at, 0], chain[at, 1]
     round_a = round_cap
     for piece in range(pieces):
         c = at + 3 * piece
-        n = subdivisions(chain, c, FLATTEN_PX)
+        n = subdivisions(chain, c, tolerance)
         for k in range(1, n + 1):
             bx, by = point(chain, c, k / n)
             # Inner joints are round whatever the caps; painted once, as the end of the edge before them.

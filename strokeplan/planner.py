@@ -217,10 +217,10 @@ def cell_axis(size: int, width: float, grid: str = "cells") -> Axis:
         nodes = np.arange(0, size, step)
         start, stop = nodes - step // 2, np.minimum(nodes + step // 2, size)
         # A window that begins before the picture is empty in the published code, and never painted.
-        return Axis(np.maximum(start, 0), np.where(start < 0, 0, stop), nodes + float(step // 2))
-    edges = np.minimum(np.arange(-(-size // width) + 1) * width, size)
+        return Axis(np.maximum(start, 0), np.where(start < 0, 0, stop), (nodes + step // 2).astype(np.float64))
+    edges: NDArray[np.float64] = np.minimum(np.arange(-(-size // width) + 1) * width, size)
     pixels = np.ceil(edges - 0.5).astype(np.int64)
-    return Axis(pixels[:-1], pixels[1:], np.add(edges[:-1], edges[1:], dtype=np.float64) / 2)
+    return Axis(pixels[:-1], pixels[1:], 0.5 * (edges[:-1] + edges[1:]))
 
 
 @dataclass(slots=True)
