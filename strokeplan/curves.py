@@ -29,7 +29,7 @@ REFIT_FACTOR = 4.0
 PROBES = 4
 """Points measured on each stretch of a piece between two of its data points."""
 PROBE_MARGIN = 0.77
-"""The fit aims at this part of its tolerance. The deviation of a cubic from a straight edge is a cubic
+"""The fit aims at this part of its tolerance. The distance of a cubic across a straight edge is a cubic
 polynomial, which can exceed its largest value at 5 equally spaced points by no more than a factor of 1/0.77."""
 MAX_HANDLE = 2.0 / 3.0
 """Longest handle, as a part of the arc it spans; half a circle needs 0.42."""
@@ -187,11 +187,7 @@ def _fit_edge(t: NDArray[np.float64], a: int, limit2: float, bounded: bool, chai
     handle = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2) / 3.0
     for _ in range(60):
         _set_handles(t, a, a + 1, handle, handle, chain, c)
-        worst = 0.0
-        for probe in range(1, 2 * PROBES):
-            x, y = point(chain, c, probe / (2 * PROBES))
-            worst = max(worst, _edge_distance2(x, y, x0, y0, x1, y1))
-        if worst <= limit2 or not bounded:
+        if not bounded or _edge_deviation2(chain, c, 0.0, 1.0, x0, y0, x1, y1)[0] <= limit2:
             return
         handle *= 0.5
 
@@ -283,20 +279,60 @@ def _worst(
     """Largest squared deviation of the piece, and the inner vertex nearest to it."""
     worst, split = 0.0, (a + b) // 2
     for k in range(a, b):
-        x0, y0, x1, y1 = p[k, 0], p[k, 1], p[k + 1, 0], p[k + 1, 1]
         if bounded:
-            for probe in range(1, PROBES):
-                x, y = point(chain, c, u[k] + (u[k + 1] - u[k]) * probe / PROBES)
-                d = _edge_distance2(x, y, x0, y0, x1, y1)
-                if d > worst:
-                    worst = d
-                    split = k + 1 if 2 * probe >= PROBES else k
+            d, early = _edge_deviation2(chain, c, u[k], u[k + 1], p[k, 0], p[k, 1], p[k + 1, 0], p[k + 1, 1])
+            if d > worst:
+                worst, split = d, k if early else k + 1
         if k + 1 < b:
             x, y = point(chain, c, u[k + 1])
-            d = (x - x1) ** 2 + (y - y1) ** 2
+            d = (x - p[k + 1, 0]) ** 2 + (y - p[k + 1, 1]) ** 2
             if d > worst:
                 worst, split = d, k + 1
     return worst, min(max(split, a + 1), b - 1)
+
+
+@kernel
+def _edge_deviation2(
+    chain: NDArray[np.float64], c: int, t0: float, t1: float, x0: float, y0: float, x1: float, y1: float
+) -> tuple[float, bool]:
+    """Squared deviation of a stretch of a cubic from an edge: furthest across and furthest beyond its ends.
+
+    Across is measured at the probes (see PROBE_MARGIN), beyond the ends also where the stretch turns back.
+    Also whether the largest lies in the first half.
+    """
+    dx, dy = x1 - x0, y1 - y0
+    length = np.sqrt(dx * dx + dy * dy)
+    dx, dy = dx / length, dy / length
+    across, beyond, at_across, at_beyond = 0.0, 0.0, t0, t0
+    for probe in range(PROBES + 1):
+        t = t0 + (t1 - t0) * probe / PROBES
+        x, y = point(chain, c, t)
+        d = abs((x - x0) * dy - (y - y0) * dx)
+        if d > across:
+            across, at_across = d, t
+        along = (x - x0) * dx + (y - y0) * dy
+        d = max(-along, along - length)
+        if d > beyond:
+            beyond, at_beyond = d, t
+    # Steps of the control polygon along the edge: the derivative is their quadratic Bernstein polynomial.
+    s0 = (chain[c + 1, 0] - chain[c, 0]) * dx + (chain[c + 1, 1] - chain[c, 1]) * dy
+    s1 = (chain[c + 2, 0] - chain[c + 1, 0]) * dx + (chain[c + 2, 1] - chain[c + 1, 1]) * dy
+    s2 = (chain[c + 3, 0] - chain[c + 2, 0]) * dx + (chain[c + 3, 1] - chain[c + 2, 1]) * dy
+    if min(s0, s1, s2) < 0.0 < max(s0, s1, s2):
+        q2, q1 = s0 - 2.0 * s1 + s2, s1 - s0
+        discriminant = q1 * q1 - q2 * s0
+        if discriminant >= 0.0:
+            # The stable pair of roots of q2 t² + 2 q1 t + s0.
+            q = -(q1 + np.sqrt(discriminant)) if q1 >= 0.0 else np.sqrt(discriminant) - q1
+            for top, bottom in ((q, q2), (s0, q)):
+                if bottom != 0.0 and t0 < top / bottom < t1:
+                    x, y = point(chain, c, top / bottom)
+                    along = (x - x0) * dx + (y - y0) * dy
+                    d = max(-along, along - length)
+                    if d > beyond:
+                        beyond, at_beyond = d, top / bottom
+    at = at_across if across > beyond else at_beyond
+    return across * across + beyond * beyond, at - t0 < 0.5 * (t1 - t0)
 
 
 @kernel

@@ -8,12 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 
 import strokeplan
 from strokeplan.strokes import StrokePlan
 
 ROOT = Path(__file__).parent.parent
+# The first call of a kernel compiles it, so no example has a deadline; CI tries the same examples each time.
+settings.register_profile("strokeplan", deadline=None, derandomize=bool(os.environ.get("CI")))
+settings.load_profile("strokeplan")
+
 DATA = ROOT.parent / "shared" / "data"
 
 
