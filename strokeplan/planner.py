@@ -111,7 +111,6 @@ def plan(
             field = pending()
             seconds["fields"] += perf_counter() - clock
             clock = perf_counter()
-            rng = np.random.default_rng([seed, number])
             laid = sum(len(strokes.colours) for strokes in collected)
 
             def tell(done: int, total: int, strokes: int, number: int = number, laid: int = laid) -> None:
@@ -119,7 +118,7 @@ def plan(
                     error = _canvas_error(pixels, canvas, ERROR_STRIDE)
                     progress(Progress(number, len(resolved.layers), done, total, laid + strokes, error))
 
-            collected.append(_paint_layer(pixels, canvas, field, resolved, layer, rng, executor, workers, tell))
+            collected.append(_paint_layer(pixels, canvas, field, resolved, layer, (seed, number), executor, workers, tell))
             seconds["strokes"] += perf_counter() - clock
     if report is not None:
         report(Report(seconds, _canvas_error(pixels, canvas, 1), unpack(canvas)))
@@ -299,7 +298,7 @@ def _paint_layer(
     field: OrientationField,
     preset: Preset,
     layer: LayerPreset,
-    rng: np.random.Generator,
+    seeds: tuple[int, int],
     executor: Executor | None,
     workers: int,
     tell: Callable[[int, int, int], None],
@@ -330,7 +329,7 @@ def _paint_layer(
     )
     columns = cell_axis(field.width, layer.width, preset.grid)
     rows = cell_axis(field.height, layer.width, preset.grid)
-    order = rng.permutation(len(columns.start) * len(rows.start))
+    order = _cell_order(seeds, len(columns.start) * len(rows.start))
     scene = _Scene(photo, canvas, field.samples, field.scale, columns, rows, order)
     capacity = tract_capacity(layer.length)
     room = 4 * capacity  # the most points that one tract may add
@@ -383,6 +382,11 @@ class _TraceAhead:
                 self._futures[ahead] = Future()
                 self._futures[ahead].set_result(self._trace(ahead))
         return future.result()
+
+
+def _cell_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
+    """The cells of a layer, numbered by rows, in random order."""
+    return np.random.default_rng(seeds).permutation(cells)
 
 
 def _trace_batch(scene: _Scene, brush: _Brush, begin: int, batch: int, capacity: int) -> _Ahead:
@@ -448,7 +452,7 @@ def _trace_stroke(
         brush.max_step, brush.both_ways, brush.aligned, tract,
     )  # fmt: skip
     length, middle_x, middle_y = _middle(tract, first, last)
-    colour = _pixel(scene.photo, middle_x, middle_y)
+    colour = _colour(scene.photo, middle_x, middle_y)
     if last - first < 2 or length < brush.min_length:
         return 0, colour
     n = rdp(tract, first, last, brush.simplify_tolerance, vertices)
@@ -511,7 +515,7 @@ def _paint_cells(
         for piece in range(0, pieces, part):
             c = first + 3 * piece
             if brush.per_piece:
-                colour = _pixel(scene.photo, chain[c + 2, 0], chain[c + 2, 1])
+                colour = _colour(scene.photo, chain[c + 2, 0], chain[c + 2, 1])
             paint_chain(scene.canvas, chain, c, part, brush.width, brush.round_cap, colour)
             for k in range(3 * part + 1):
                 points[used, 0], points[used, 1] = chain[c + k, 0], chain[c + k, 1]
@@ -539,9 +543,16 @@ def _middle(points: NDArray[np.float64], first: int, last: int) -> tuple[float, 
 
 
 @kernel
-def _pixel(photo: Packed, x: float, y: float) -> np.uint32:
-    """The pixel under a point; points outside take the nearest."""
+def _colour(photo: Packed, x: float, y: float) -> np.uint32:
+    """The photo's colour at a point, bilinear between pixel centres; points outside take the nearest edge."""
     height, width = photo.shape
-    i = min(max(int(np.floor(y)), 0), height - 1)
-    j = min(max(int(np.floor(x)), 0), width - 1)
-    return np.uint32(photo[i, j])
+    fx, fy = min(max(x - 0.5, 0.0), width - 1.0), min(max(y - 0.5, 0.0), height - 1.0)
+    j0, i0 = int(fx), int(fy)
+    j1, i1 = min(j0 + 1, width - 1), min(i0 + 1, height - 1)
+    tx, ty = fx - j0, fy - i0
+    colour = np.uint32(0)
+    for shift in (16, 8, 0):
+        upper = (1.0 - tx) * ((photo[i0, j0] >> shift) & 255) + tx * ((photo[i0, j1] >> shift) & 255)
+        lower = (1.0 - tx) * ((photo[i1, j0] >> shift) & 255) + tx * ((photo[i1, j1] >> shift) & 255)
+        colour |= np.uint32(np.uint32((1.0 - ty) * upper + ty * lower + 0.5) << shift)
+    return colour
