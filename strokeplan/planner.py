@@ -1,43 +1,37 @@
-"""The layer loop: where a stroke is tried, whether it is laid, in which colour (paper, "Image Stylization Filter").
+"""From photo to plan: layer after layer, wide to fine (paper, "Image Stylization Filter").
 
-For every layer, wide to fine: the orientation field at the layer's scale; a grid of cells; the cells in
-random order. A cell whose mean RGB distance between photo and canvas exceeds the layer's threshold is
-traced from its seed, the tract simplified, fitted, coloured and painted on the canvas, which the next
-cells see. Fields of later layers are computed in threads while a layer is painted; painting is one
-sequence, so the plan is the same for any number of threads.
+For every layer the orientation field at its scale is computed and its strokes are painted on one canvas.
+Fields of later layers are computed in threads while a layer is painted; the plan is the same for any
+number of threads.
 """
 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strokeplan.canvas import Packed, mean_distance, pack, paint_chain, unpack
-from strokeplan.curves import fit, rdp
+from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, load_photo
-from strokeplan.jit import is_cached, kernel
+from strokeplan.painting import LayerStrokes, Workers, paint_layer
 from strokeplan.presets import LayerPreset, Preset, load_preset
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
-from strokeplan.tractography import trace, track, tract_capacity
+from strokeplan.tractography import track
 from strokeplan.version import __version__
 
 DECIMALS = 2
 """Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file."""
-BATCHES = 100
-"""Parts of a layer between which progress is told, and Ctrl-C heard."""
-AHEAD_POINTS_PER_CELL = 8
-"""Room for strokes traced ahead, for each cell of a batch; most cells get none."""
 ERROR_STRIDE = 8
 """The error shown while planning is measured on every 8th pixel both ways."""
 
@@ -87,39 +81,28 @@ def plan(
         raise InputError(f"seed {seed} is negative; give 0 or more")
     if threads is not None and threads < 1:
         raise InputError(f"threads {threads} is below 1")
-    style = load_preset(preset if isinstance(preset, Preset) else os.fspath(preset))
+    style = load_preset(preset)
     if orientation is not None:
         style = style.override({"orientation": orientation})
-    clock = perf_counter()
-    if isinstance(image, str | os.PathLike):
-        image = load_photo(image)
-    photo = image if isinstance(image, Photo) else as_photo(image)
-    seconds = {"read": perf_counter() - clock, "fields": 0.0, "strokes": 0.0}
+    began = perf_counter()
+    photo = _photo(image)
+    seconds = {"read": perf_counter() - began, "fields": 0.0, "strokes": 0.0}
 
     resolved = style.for_photo(photo.width, photo.height)
     pixels = pack(photo.rgb)
-    background = int(resolved.background[1:], 16)
-    canvas = np.full_like(pixels, background)
-    collected: list[_Strokes] = []
-    with ExitStack() as stack:
-        workers = (threads or _processors()) - 1
-        executor = stack.enter_context(_pool(workers)) if workers else None
-        grey_image = grey(photo.rgb, _grey_weights(resolved))
-        fields = [_submit_field(grey_image, resolved, layer, executor) for layer in resolved.layers]
-        for number, (layer, pending) in enumerate(zip(resolved.layers, fields, strict=True), start=1):
-            clock = perf_counter()
-            field = pending()
-            seconds["fields"] += perf_counter() - clock
-            clock = perf_counter()
-            laid = sum(len(strokes.colours) for strokes in collected)
-
-            def tell(done: int, total: int, strokes: int, number: int = number, laid: int = laid) -> None:
-                if progress is not None:
-                    error = _canvas_error(pixels, canvas, ERROR_STRIDE)
-                    progress(Progress(number, len(resolved.layers), done, total, laid + strokes, error))
-
-            collected.append(_paint_layer(pixels, canvas, field, resolved, layer, (seed, number), executor, workers, tell))
-            seconds["strokes"] += perf_counter() - clock
+    canvas = np.full_like(pixels, int(resolved.background.removeprefix("#"), 16))
+    strokes: list[LayerStrokes] = []
+    with _workers(threads) as workers:
+        fields = _fields(photo, resolved, workers)
+        for number, layer in enumerate(resolved.layers, start=1):
+            began = perf_counter()
+            field = fields.popleft()()
+            seconds["fields"] += perf_counter() - began
+            began = perf_counter()
+            tell = _teller(progress, pixels, canvas, number, resolved, sum(len(s.counts) for s in strokes))
+            strokes.append(paint_layer(pixels, canvas, field, resolved, layer, (seed, number), workers, tell))
+            seconds["strokes"] += perf_counter() - began
+            del field  # the largest thing there is, and the next layer's waits
     if report is not None:
         report(Report(seconds, _canvas_error(pixels, canvas, 1), unpack(canvas)))
     settings = {
@@ -128,18 +111,37 @@ def plan(
         "preset": msgspec.to_builtins(style),
         "resolved": msgspec.to_builtins(resolved),
     }
-    return _assemble(photo, resolved, collected, settings)
+    return _assemble(photo, resolved, strokes, settings)
 
 
-def compiled() -> bool:
-    """Whether the kernels are in Numba's cache; if not, the first plan compiles them."""
-    return is_cached(_paint_cells)
+def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
+    if isinstance(image, Photo):
+        return image
+    return load_photo(image) if isinstance(image, str | os.PathLike) else as_photo(image)
+
+
+def _teller(
+    progress: Callable[[Progress], None] | None,
+    photo: Packed,
+    canvas: Packed,
+    number: int,
+    preset: Preset,
+    laid: int,
+) -> Callable[[int, int, int], None]:
+    """What tells `progress` of the cells of one layer, after `laid` strokes of those before."""
+
+    def tell(done: int, total: int, strokes: int) -> None:
+        if progress is not None:
+            error = _canvas_error(photo, canvas, ERROR_STRIDE)
+            progress(Progress(number, len(preset.layers), done, total, laid + strokes, error))
+
+    return tell
 
 
 def layer_field(photo: Photo, preset: Preset, number: int) -> OrientationField:
     """The orientation field that layer `number` (from 1) of a preset follows on a photo."""
     resolved = preset.for_photo(photo.width, photo.height)
-    return _submit_field(grey(photo.rgb, _grey_weights(resolved)), resolved, _layer(resolved, number), None)()
+    return _field(_grey(photo, resolved), resolved, _layer(resolved, number), Workers())()
 
 
 def layer_tract(field: OrientationField, preset: Preset, number: int, seed: tuple[float, float]) -> NDArray[np.float64]:
@@ -165,8 +167,8 @@ def _layer(preset: Preset, number: int) -> LayerPreset:
     return preset.layers[number - 1]
 
 
-def _grey_weights(preset: Preset) -> tuple[float, float, float]:
-    return LUMA if preset.grey == "luma" else (1 / 3, 1 / 3, 1 / 3)
+def _grey(photo: Photo, preset: Preset) -> NDArray[np.float32]:
+    return grey(photo.rgb, LUMA if preset.grey == "luma" else (1 / 3, 1 / 3, 1 / 3))
 
 
 def _processors() -> int:
@@ -175,17 +177,27 @@ def _processors() -> int:
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[Executor]:
-    """Worker threads; what has not begun when the block ends is dropped."""
-    executor = ThreadPoolExecutor(workers)
+def _workers(threads: int | None) -> Iterator[Workers]:
+    """Threads beside this one; what they have not begun when the block ends is dropped."""
+    count = (threads or _processors()) - 1
+    if count == 0:
+        yield Workers()
+        return
+    executor = ThreadPoolExecutor(count)
     try:
-        yield executor
+        yield Workers(executor, count)
     finally:
         executor.shutdown(cancel_futures=True)
 
 
-def _submit_field(
-    image: NDArray[np.float32], preset: Preset, layer: LayerPreset, executor: Executor | None
+def _fields(photo: Photo, preset: Preset, workers: Workers) -> deque[Callable[[], OrientationField]]:
+    """The fields of all layers, in work in the workers; each is waited for when called."""
+    image = _grey(photo, preset)
+    return deque(_field(image, preset, layer, workers) for layer in preset.layers)
+
+
+def _field(
+    image: NDArray[np.float32], preset: Preset, layer: LayerPreset, workers: Workers
 ) -> Callable[[], OrientationField]:
     return submit_field(
         image,
@@ -193,7 +205,7 @@ def _submit_field(
         derivative_sigma=preset.derivative_sigma,
         integration_sigma=preset.integration_sigma,
         orientation=preset.orientation,
-        executor=executor,
+        executor=workers.executor,
     )
 
 
@@ -201,208 +213,7 @@ def _canvas_error(photo: Packed, canvas: Packed, stride: int) -> float:
     return mean_distance(photo, canvas, 0, photo.shape[0], 0, photo.shape[1], stride, 1.0)
 
 
-class Axis(NamedTuple):
-    """The cells of a grid along one axis: pixels start … stop − 1 and the seed's coordinate of each."""
-
-    start: NDArray[np.int64]
-    stop: NDArray[np.int64]
-    seed: NDArray[np.float64]
-
-
-def cell_axis(size: int, width: float, grid: str = "cells") -> Axis:
-    """Cells of a side of `size` pixels: see Preset.grid. Every pixel centre lies in one cell of "cells"."""
-    if grid == "nodes":
-        step = max(int(width), 1)
-        nodes = np.arange(0, size, step)
-        start, stop = nodes - step // 2, np.minimum(nodes + step // 2, size)
-        # A window that begins before the picture is empty in the published code, and never painted.
-        return Axis(np.maximum(start, 0), np.where(start < 0, 0, stop), (nodes + step // 2).astype(np.float64))
-    edges: NDArray[np.float64] = np.minimum(np.arange(-(-size // width) + 1) * width, size)
-    pixels = np.ceil(edges - 0.5).astype(np.int64)
-    return Axis(pixels[:-1], pixels[1:], 0.5 * (edges[:-1] + edges[1:]))
-
-
-@dataclass(slots=True)
-class _Strokes:
-    """Strokes of one layer as they come: columns with room to grow, of which the first n are filled."""
-
-    width: float
-    points: NDArray[np.float64]
-    counts: NDArray[np.int64]
-    colours: NDArray[np.uint32]
-
-    def trimmed(self, strokes: int, points: int) -> _Strokes:
-        return _Strokes(
-            self.width, self.points[:points].copy(), self.counts[:strokes].copy(), self.colours[:strokes].copy()
-        )
-
-    def grow(self, points: int, strokes: int) -> None:
-        self.points = _grown(self.points, points)
-        self.counts = _grown(self.counts, strokes)
-        self.colours = _grown(self.colours, strokes)
-
-
-def _grown(column: NDArray[Any], room: int) -> NDArray[Any]:
-    """A copy of at least twice the length, with at least `room` more rows."""
-    grown = np.empty((max(2 * len(column), len(column) + room), *column.shape[1:]), column.dtype)
-    grown[: len(column)] = column
-    return grown
-
-
-class _Brush(NamedTuple):
-    """What the kernels need to know of a layer; lengths in pixels."""
-
-    width: float
-    length: float
-    min_length: float
-    min_vertices: int
-    simplify_tolerance: float
-    fit_tolerance: float
-    threshold: float
-    coherence: float
-    step_tolerance: float
-    max_step: float
-    photo_gain: float
-    both_ways: bool
-    aligned: bool
-    bounded: bool
-    round_cap: bool
-    per_piece: bool
-
-
-class _Scene(NamedTuple):
-    """What the kernels look at while a layer is painted; only the canvas changes."""
-
-    photo: Packed
-    canvas: Packed
-    samples: NDArray[np.float32]
-    scale: float
-    columns: Axis
-    rows: Axis
-    order: NDArray[np.int64]
-
-
-class _Ahead(NamedTuple):
-    """Strokes traced before it is known whether they are laid: for each cell of a batch, where its chain
-    begins and how many pieces it has (0: the tract is no stroke; −1: not traced) and its colour."""
-
-    points: NDArray[np.float64]
-    first: NDArray[np.int64]
-    pieces: NDArray[np.int64]
-    colours: NDArray[np.uint32]
-
-
-def _paint_layer(
-    photo: Packed,
-    canvas: Packed,
-    field: OrientationField,
-    preset: Preset,
-    layer: LayerPreset,
-    seeds: tuple[int, int],
-    executor: Executor | None,
-    workers: int,
-    tell: Callable[[int, int, int], None],
-) -> _Strokes:
-    """Try all cells of a layer in random order; paint what is laid on `canvas` and return it.
-
-    Whether a cell gets a stroke depends on all strokes before it, so the cells are tried in one sequence.
-    Its stroke does not: the workers trace strokes of the next batches for cells that look unpainted to
-    them, and a cell they guessed wrong costs time and changes nothing.
-    """
-    brush = _Brush(
-        width=layer.width,
-        length=layer.length,
-        min_length=layer.min_length,
-        min_vertices=preset.min_vertices,
-        simplify_tolerance=layer.simplify_tolerance,
-        fit_tolerance=layer.fit_tolerance,
-        threshold=layer.color_threshold,
-        coherence=preset.coherence,
-        step_tolerance=preset.step_tolerance,
-        max_step=preset.max_step,
-        photo_gain=1 / 255 if preset.color_test == "unscaled" else 1.0,
-        both_ways=preset.directions == "both",
-        aligned=preset.interpolation == "aligned",
-        bounded=preset.fit == "bounded",
-        round_cap=preset.cap == "round",
-        per_piece=preset.color == "handle",
-    )
-    columns = cell_axis(field.width, layer.width, preset.grid)
-    rows = cell_axis(field.height, layer.width, preset.grid)
-    order = _cell_order(seeds, len(columns.start) * len(rows.start))
-    scene = _Scene(photo, canvas, field.samples, field.scale, columns, rows, order)
-    capacity = tract_capacity(layer.length)
-    room = 4 * capacity  # the most points that one tract may add
-    strokes = _Strokes(
-        layer.width, np.empty((room + 4096, 2)), np.empty(room + 1024, np.int64), np.empty(room + 1024, np.uint32)
-    )
-
-    batch = -(-len(order) // BATCHES)
-    traced = _TraceAhead(executor, workers, lambda begin: _trace_batch(scene, brush, begin, batch, capacity))
-    laid = used = 0
-    tell(0, len(order), 0)
-    for begin in range(0, len(order), batch):
-        ahead = traced.take(begin, range(begin + batch, len(order), batch)) or _nothing_ahead(batch, 1)
-        at, end = begin, min(begin + batch, len(order))
-        while at < end:
-            at, laid, used = _paint_cells(
-                scene, brush, capacity, at, end, ahead, at - begin, strokes.points, strokes.counts, strokes.colours,
-                laid, used,
-            )  # fmt: skip
-            if at < end:
-                strokes.grow(room, room)
-        tell(end, len(order), laid)
-    return strokes.trimmed(laid, used)
-
-
-class _TraceAhead:
-    """Batches in work in the threads of an executor, two ahead for each."""
-
-    def __init__(self, executor: Executor | None, workers: int, trace_batch: Callable[[int], _Ahead]) -> None:
-        self._executor, self._window, self._trace = executor, 2 * workers, trace_batch
-        self._futures: dict[int, Future[_Ahead]] = {}
-
-    def take(self, begin: int, later: range) -> _Ahead | None:
-        """The batch at `begin`, or None if no worker has begun it; `later` are the batches to come.
-
-        While a worker is at it, this thread traces batches that no worker has begun.
-        """
-        if self._executor is None:
-            return None
-        for ahead in later[: self._window]:
-            if ahead not in self._futures:
-                self._futures[ahead] = self._executor.submit(self._trace, ahead)
-        future = self._futures.pop(begin, None)
-        if future is None or future.cancel():
-            return None
-        for ahead, waiting in self._futures.items():
-            if future.done():
-                break
-            if waiting.cancel():
-                self._futures[ahead] = Future()
-                self._futures[ahead].set_result(self._trace(ahead))
-        return future.result()
-
-
-def _cell_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
-    """The cells of a layer, numbered by rows, in random order."""
-    return np.random.default_rng(seeds).permutation(cells)
-
-
-def _trace_batch(scene: _Scene, brush: _Brush, begin: int, batch: int, capacity: int) -> _Ahead:
-    """Trace a batch of cells ahead of their turn, as far as its room goes."""
-    ahead = _nothing_ahead(batch, 12 * capacity + AHEAD_POINTS_PER_CELL * batch)
-    _trace_cells(scene, brush, capacity, begin, min(begin + batch, len(scene.order)), ahead)
-    return ahead
-
-
-def _nothing_ahead(batch: int, points: int) -> _Ahead:
-    return _Ahead(
-        np.empty((points, 2)), np.empty(batch, np.int64), np.full(batch, -1, np.int64), np.empty(batch, np.uint32)
-    )
-
-
-def _assemble(photo: Photo, preset: Preset, collected: list[_Strokes], settings: dict[str, Any]) -> StrokePlan:
+def _assemble(photo: Photo, preset: Preset, collected: list[LayerStrokes], settings: dict[str, Any]) -> StrokePlan:
     counts = np.concatenate([strokes.counts for strokes in collected])
     ends = np.cumsum([len(strokes.counts) for strokes in collected])
     layers = tuple(
@@ -421,138 +232,3 @@ def _assemble(photo: Photo, preset: Preset, collected: list[_Strokes], settings:
         settings=settings,
         source=Source(photo.name, photo.sha256, photo.width, photo.height),
     )
-
-
-@kernel
-def _cell_distance(scene: _Scene, cell: int, photo_gain: float) -> tuple[float, float, float]:
-    """Mean distance of photo and canvas in a cell, and its seed x, y."""
-    row, column = divmod(cell, len(scene.columns.start))
-    distance = mean_distance(
-        scene.photo, scene.canvas, scene.rows.start[row], scene.rows.stop[row],
-        scene.columns.start[column], scene.columns.stop[column], 1, photo_gain,
-    )  # fmt: skip
-    return distance, scene.columns.seed[column], scene.rows.seed[row]
-
-
-@kernel
-def _trace_stroke(
-    scene: _Scene,
-    brush: _Brush,
-    x: float,
-    y: float,
-    tract: NDArray[np.float64],
-    vertices: NDArray[np.float64],
-    chain: NDArray[np.float64],
-    at: int,
-) -> tuple[int, np.uint32]:
-    """The stroke through a seed: its chain at chain[at:], its number of pieces (0: none) and its colour."""
-    height, width = scene.photo.shape
-    first, last = trace(
-        scene.samples, scene.scale, width, height, x, y, brush.length, brush.coherence, brush.step_tolerance,
-        brush.max_step, brush.both_ways, brush.aligned, tract,
-    )  # fmt: skip
-    length, middle_x, middle_y = _middle(tract, first, last)
-    colour = _colour(scene.photo, middle_x, middle_y)
-    if last - first < 2 or length < brush.min_length:
-        return 0, colour
-    n = rdp(tract, first, last, brush.simplify_tolerance, vertices)
-    if n < brush.min_vertices:
-        return 0, colour
-    return fit(vertices, n, brush.fit_tolerance, brush.bounded, chain, at), colour
-
-
-@kernel
-def _trace_cells(scene: _Scene, brush: _Brush, capacity: int, begin: int, end: int, ahead: _Ahead) -> None:
-    """Trace the cells order[begin:end] that would be tried if it were their turn now."""
-    tract, vertices = np.empty((capacity, 2)), np.empty((capacity, 2))
-    used = 0
-    for k in range(begin, end):
-        if used + 3 * capacity + 1 > len(ahead.points):
-            return
-        distance, x, y = _cell_distance(scene, scene.order[k], brush.photo_gain)
-        if distance > brush.threshold:
-            pieces, colour = _trace_stroke(scene, brush, x, y, tract, vertices, ahead.points, used)
-            ahead.first[k - begin], ahead.pieces[k - begin], ahead.colours[k - begin] = used, pieces, colour
-            used += 3 * pieces + 1
-
-
-@kernel
-def _paint_cells(
-    scene: _Scene,
-    brush: _Brush,
-    capacity: int,
-    at: int,
-    end: int,
-    ahead: _Ahead,
-    offset: int,
-    points: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    colours: NDArray[np.uint32],
-    laid: int,
-    used: int,
-) -> tuple[int, int, int]:
-    """Try the cells order[at:end]; return (next cell, strokes laid, points used).
-
-    ahead.…[offset] is the cell order[at]. Stops before a cell whose stroke might not fit into the
-    columns, for the caller to enlarge them.
-    """
-    tract, vertices, own = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2))
-    while at < end:
-        if used + 4 * capacity > len(points) or laid + capacity > len(counts):
-            return at, laid, used
-        distance, x, y = _cell_distance(scene, scene.order[at], brush.photo_gain)
-        at += 1
-        offset += 1
-        if not distance > brush.threshold:  # NaN, of an empty cell, is not
-            continue
-        chain, first = ahead.points, ahead.first[offset - 1]
-        pieces, colour = ahead.pieces[offset - 1], ahead.colours[offset - 1]
-        if pieces < 0:
-            chain, first = own, 0
-            pieces, colour = _trace_stroke(scene, brush, x, y, tract, vertices, own, 0)
-        # One stroke of all pieces, or one of each.
-        part = 1 if brush.per_piece else max(pieces, 1)
-        for piece in range(0, pieces, part):
-            c = first + 3 * piece
-            if brush.per_piece:
-                colour = _colour(scene.photo, chain[c + 2, 0], chain[c + 2, 1])
-            paint_chain(scene.canvas, chain, c, part, brush.width, brush.round_cap, colour)
-            for k in range(3 * part + 1):
-                points[used, 0], points[used, 1] = chain[c + k, 0], chain[c + k, 1]
-                used += 1
-            counts[laid] = 3 * part + 1
-            colours[laid] = colour
-            laid += 1
-    return at, laid, used
-
-
-@kernel
-def _middle(points: NDArray[np.float64], first: int, last: int) -> tuple[float, float, float]:
-    """Length of the polyline points[first:last], and the point half way along it."""
-    length = 0.0
-    for k in range(first + 1, last):
-        length += np.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
-    left = 0.5 * length
-    for k in range(first + 1, last):
-        dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
-        edge = np.hypot(dx, dy)
-        if left <= edge and edge > 0.0:
-            return length, points[k - 1, 0] + left / edge * dx, points[k - 1, 1] + left / edge * dy
-        left -= edge
-    return length, points[last - 1, 0], points[last - 1, 1]
-
-
-@kernel
-def _colour(photo: Packed, x: float, y: float) -> np.uint32:
-    """The photo's colour at a point, bilinear between pixel centres; points outside take the nearest edge."""
-    height, width = photo.shape
-    fx, fy = min(max(x - 0.5, 0.0), width - 1.0), min(max(y - 0.5, 0.0), height - 1.0)
-    j0, i0 = int(fx), int(fy)
-    j1, i1 = min(j0 + 1, width - 1), min(i0 + 1, height - 1)
-    tx, ty = fx - j0, fy - i0
-    colour = np.uint32(0)
-    for shift in (16, 8, 0):
-        upper = (1.0 - tx) * ((photo[i0, j0] >> shift) & 255) + tx * ((photo[i0, j1] >> shift) & 255)
-        lower = (1.0 - tx) * ((photo[i1, j0] >> shift) & 255) + tx * ((photo[i1, j1] >> shift) & 255)
-        colour |= np.uint32(np.uint32((1.0 - ty) * upper + ty * lower + 0.5) << shift)
-    return colour

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def on_chain(chain: Points, samples: int = 64) -> Points:
     for c in range(0, len(chain) - 1, 3):
         p = [np.broadcast_to(chain[c + k], (len(t), 2)) for k in range(4)]
         while len(p) > 1:
-            p = [(1 - t) * a + t * b for a, b in zip(p, p[1:], strict=False)]
+            p = [(1 - t) * a + t * b for a, b in pairwise(p)]
         pieces.append(p[0])
     return np.concatenate(pieces)
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from strokeplan import canvas, curves, field, jit, planner, tractography
+from strokeplan import canvas, curves, field, jit, painting, tractography
 from strokeplan.jit import is_cached
 
 
 def kernels() -> list[object]:
     found = []
-    for module in (canvas, curves, field, planner, tractography):
+    for module in (canvas, curves, field, painting, tractography):
         found += [value for value in vars(module).values() if hasattr(value, "py_func")]
     assert len(found) > 20
     return found

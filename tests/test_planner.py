@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 import strokeplan
-from strokeplan import planner
+from strokeplan import painting
+from strokeplan.canvas import paint_chain, unpack
 from strokeplan.formats import json as strokes_json
-from strokeplan.planner import Progress, Report, cell_axis
+from strokeplan.painting import cell_axis
+from strokeplan.planner import Progress, Report
 from strokeplan.presets import Preset, load_preset
 from strokeplan.strokes import StrokePlan
 
@@ -54,12 +56,12 @@ def test_growing_columns_and_guessing_wrong_change_nothing(monkeypatch: pytest.M
     """Neither the room for strokes, nor that for strokes traced ahead, nor the batches show in a plan."""
     picture = blobs(150, 150)
     expected = strokeplan.plan(picture, threads=2)
-    monkeypatch.setattr(planner, "AHEAD_POINTS_PER_CELL", 0)
-    monkeypatch.setattr(planner, "BATCHES", 7)
+    monkeypatch.setattr(painting, "AHEAD_POINTS_PER_CELL", 0)
+    monkeypatch.setattr(painting, "BATCHES", 7)
     assert np.array_equal(strokeplan.plan(picture, threads=2).points, expected.points)
     grown: list[int] = []
-    real = planner._Strokes.grow
-    monkeypatch.setattr(planner._Strokes, "grow", lambda self, *room: (grown.append(1), real(self, *room)))
+    real = painting.LayerStrokes.grow
+    monkeypatch.setattr(painting.LayerStrokes, "grow", lambda self, *room: (grown.append(1), real(self, *room)))
     busy = blobs(400, 400, seed=5)
     published = strokeplan.plan(busy, "paper-published")
     assert grown
@@ -96,14 +98,14 @@ def test_a_turned_photo_has_the_turned_plan(monkeypatch: pytest.MonkeyPatch) -> 
     every_cell = load_preset("paper").override({f"layers.{layer}.color_threshold": 0 for layer in (1, 2, 3, 4)})
     everywhere, by_table_1 = strokeplan.plan(picture, every_cell), strokeplan.plan(picture)
     another_order = strokeplan.plan(picture, seed=1)
-    cell_order = planner._cell_order
+    cell_order = painting._cell_order
 
     def turned_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
         side = round(np.sqrt(cells))
         row, column = np.divmod(cell_order(seeds, cells), side)
         return (side - 1 - column) * side + row
 
-    monkeypatch.setattr(planner, "_cell_order", turned_order)
+    monkeypatch.setattr(painting, "_cell_order", turned_order)
     expected, found = stroke_ends(everywhere), stroke_ends(strokeplan.plan(turned, every_cell), back=True)
     assert len(expected & found) > 0.97 * len(expected)
     expected, found = stroke_ends(by_table_1), stroke_ends(strokeplan.plan(turned), back=True)
@@ -157,8 +159,8 @@ def test_every_stroke_reproduces_the_canvas_it_was_judged_by() -> None:
     for chain, width, color in zip(plan, plan.widths, plan.colors, strict=True):
         red, green, blue = color.tolist()
         pixel = np.uint32(red << 16 | green << 8 | blue)
-        planner.paint_chain(canvas, chain.copy(), 0, (len(chain) - 1) // 3, width, True, pixel)
-    assert (planner.unpack(canvas) == report.canvas).all(axis=-1).mean() > 0.995
+        paint_chain(canvas, chain.copy(), 0, (len(chain) - 1) // 3, width, True, pixel)
+    assert (unpack(canvas) == report.canvas).all(axis=-1).mean() > 0.995
 
 
 def test_the_colour_threshold_decides_what_is_painted() -> None:

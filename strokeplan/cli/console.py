@@ -46,7 +46,7 @@ def planning_bar(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
 
 def compiling_note() -> None:
     """Say so if the kernels must be compiled first: the only run that keeps a user waiting for nothing to see."""
-    from strokeplan.planner import compiled
+    from strokeplan.painting import compiled
 
     if not compiled():
         typer.echo("compiling the kernels for this machine, once: about ten seconds", err=True)
