@@ -3,14 +3,14 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-DEMO := demo/chelsea
+DEMO := demo/coffee
 
 .PHONY: demo test lint bench clean
 
 # Without Pycairo there is no PNG; JSON and SVG need nothing of it.
 demo: .venv/demo
 	@mkdir -p demo
-	$(BIN)/strokeplan plan samples/chelsea.jpg -o $(DEMO).json -o $(DEMO).svg \
+	$(BIN)/strokeplan plan samples/coffee.jpg -o $(DEMO).json -o $(DEMO).svg \
 		$$($(BIN)/python -c 'import cairo' 2>/dev/null && echo -o $(DEMO).png)
 
 test: .venv/dev lint

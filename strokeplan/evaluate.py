@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import InputError
 from strokeplan.image import Photo
-from strokeplan.rendering import render
+from strokeplan.rendering import paint
 from strokeplan.strokes import StrokePlan
 
 
@@ -19,6 +20,8 @@ class Figures:
 
     psnr_db  peak signal-to-noise ratio; ssim  structural similarity over the colour channels;
     rgb      mean Euclidean distance per pixel in 8-bit RGB.
+
+    The same picture twice has a PSNR of infinity; one with a side below 3 pixels has no SSIM: NaN.
     """
 
     psnr_db: float
@@ -32,7 +35,7 @@ def evaluate(plan: StrokePlan, photo: Photo) -> Figures:
         raise InputError(
             f"the plan is {plan.width:g} × {plan.height:g}, the photo {photo.width} × {photo.height}: another picture?"
         )
-    return compare(render(plan, scale=photo.width / plan.width)[: photo.height, : photo.width], photo.rgb)
+    return compare(paint(plan, photo.width, photo.height), photo.rgb)
 
 
 def compare(picture: NDArray[np.uint8], photo: NDArray[np.uint8]) -> Figures:
@@ -41,7 +44,7 @@ def compare(picture: NDArray[np.uint8], photo: NDArray[np.uint8]) -> Figures:
 
     with np.errstate(divide="ignore"):  # the same picture twice: infinite
         psnr = peak_signal_noise_ratio(photo, picture)
-    window = min(7, (min(photo.shape[:2]) - 1) // 2 * 2 + 1)
-    ssim = structural_similarity(photo, picture, channel_axis=2, win_size=window)
+    window = min(7, (min(photo.shape[:2]) - 1) // 2 * 2 + 1)  # the largest odd side that fits
+    ssim = structural_similarity(photo, picture, channel_axis=2, win_size=window) if window > 1 else nan
     distance = np.sqrt(((picture.astype(np.float32) - photo) ** 2).sum(axis=2)).mean()
     return Figures(float(psnr), float(ssim), float(distance))

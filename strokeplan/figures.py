@@ -6,7 +6,7 @@ All functions return (h, w, 3) uint8 pictures.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, inf
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,9 @@ def orientation_figure(photo: Photo, field: OrientationField, *, spacing: float 
 
     `spacing` between arrows in photo pixels (default: 48 along the longer side).
     """
-    step = max(photo.width, photo.height) / 48 if spacing is None else spacing
-    if not step >= 1:
-        raise InputError(f"spacing {step:g} is too small; arrows need at least 1 pixel")
+    step = max(photo.width / 48, photo.height / 48, 1.0) if spacing is None else spacing
+    if not 1 <= step < inf:
+        raise InputError(f"spacing {step:g} is no distance between arrows; give 1 pixel or more")
     surface = _over_photo(photo, dim=0.45)
     context = surface.context
     context.set_source_rgb(*ARROW)
@@ -54,7 +54,9 @@ def coherence_figure(field: OrientationField) -> Picture:
     from PIL import Image
 
     grey = np.rint(field.samples[..., 2] * 255).astype(np.uint8)
-    shown = Image.fromarray(grey).resize((field.width, field.height), Image.Resampling.BILINEAR)
+    # The last row and column of samples may reach over the photo's edge.
+    box = (0, 0, field.width / field.scale, field.height / field.scale)
+    shown = Image.fromarray(grey).resize((field.width, field.height), Image.Resampling.BILINEAR, box)
     return np.repeat(np.asarray(shown)[..., None], 3, axis=2)
 
 
@@ -88,6 +90,8 @@ def montage(pictures: Sequence[Picture], *, columns: int, gap: int = 8) -> Pictu
     """Pictures in rows of `columns`, each centred in a tile as large as the largest, on white."""
     if not pictures:
         raise InputError("a montage needs at least one picture")
+    check_montage(columns)
+    columns = min(columns, len(pictures))
     height, width = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
     rows = ceil(len(pictures) / columns)
     sheet = np.full((rows * (height + gap) - gap, columns * (width + gap) - gap, 3), 255, np.uint8)
@@ -98,7 +102,7 @@ def montage(pictures: Sequence[Picture], *, columns: int, gap: int = 8) -> Pictu
     return sheet
 
 
-def check_montage(columns: int, tile: int) -> None:
+def check_montage(columns: int, tile: int = 1) -> None:
     """Raise InputError for a sheet that cannot be made."""
     if columns < 1:
         raise InputError(f"columns {columns} is below 1")
@@ -122,9 +126,11 @@ def clearest_point(field: OrientationField) -> tuple[float, float]:
     block = max(max(coherence.shape) // 12, 1)
     rows, cols = max(coherence.shape[0] // block, 1), max(coherence.shape[1] // block, 1)
     trimmed = coherence[: rows * block, : cols * block]
-    means = trimmed.reshape(rows, trimmed.shape[0] // rows, cols, trimmed.shape[1] // cols).mean(axis=(1, 3))
+    high, wide = trimmed.shape[0] // rows, trimmed.shape[1] // cols
+    means = trimmed.reshape(rows, high, cols, wide).mean(axis=(1, 3))
     i, j = np.unravel_index(int(means.argmax()), means.shape)
-    return (float(j) + 0.5) * block * field.scale, (float(i) + 0.5) * block * field.scale
+    x, y = (float(j) + 0.5) * wide * field.scale, (float(i) + 0.5) * high * field.scale
+    return min(x, field.width), min(y, field.height)
 
 
 def _over_photo(photo: Photo, dim: float) -> Surface:

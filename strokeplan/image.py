@@ -13,16 +13,20 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageCms, ImageOps
+from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANAR_CONFIGURATION, TiffImageFile
 
 from strokeplan.errors import ImageError, StrokeplanWarning
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM")
-MAX_MEGAPIXELS = 200.0
-"""Planning takes about 40 bytes a pixel: 8 GB at this size."""
+MAX_MEGAPIXELS = 175.0
+"""Planning takes some 70 bytes a pixel: 12 GB at this size. Pillow opens no file beyond 179."""
+MAX_SIDE = 1_000_000
+"""Largest side of a plan's canvas."""
 MIN_SIDE = 2
 """Smallest side, in pixels, on which an orientation can be measured."""
 LUMA = (0.2125, 0.7154, 0.0721)
@@ -67,7 +71,9 @@ def load_photo(path: str | os.PathLike[str], *, max_megapixels: float = MAX_MEGA
         rgb = _decode(data, max_megapixels)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
-    return Photo(rgb, path.name, hashlib.sha256(data).hexdigest())
+    # A name in another encoding than the system's cannot be written to a strokes file.
+    name = os.fsencode(path.name).decode(errors="replace")
+    return Photo(rgb, name, hashlib.sha256(data).hexdigest())
 
 
 def photo_files(paths: Sequence[Path]) -> list[Path]:
@@ -75,7 +81,11 @@ def photo_files(paths: Sequence[Path]) -> list[Path]:
     suffixes = {suffix for suffix, name in Image.registered_extensions().items() if name in FORMATS}
     found: list[Path] = []
     for path in paths:
-        found += sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes) if path.is_dir() else [path]
+        try:
+            inside = path.iterdir() if path.is_dir() else None
+        except OSError as error:
+            raise ImageError(f"{path}: cannot be read ({error.strerror})") from None
+        found += [path] if inside is None else sorted(p for p in inside if p.suffix.lower() in suffixes)
     if not found:
         raise ImageError(f"{', '.join(map(str, paths))}: no pictures there")
     return found
@@ -84,8 +94,8 @@ def photo_files(paths: Sequence[Path]) -> list[Path]:
 def as_photo(image: ArrayLike) -> Photo:
     """A photo from an array: (h, w) grey, (h, w, 3) or (h, w, 4); uint8, uint16, or float in 0..1."""
     pixels = np.asarray(image)
-    if pixels.dtype == np.uint16:
-        pixels = (pixels.astype(np.uint32) * 255 + 32767) // 65535
+    if np.issubdtype(pixels.dtype, np.uint16):
+        pixels = _cut_16_bits(pixels)
     elif np.issubdtype(pixels.dtype, np.floating):
         if not np.all((pixels >= 0) & (pixels <= 1)):
             raise ImageError("a float picture must lie in 0..1; divide 8-bit values by 255")
@@ -113,18 +123,20 @@ def grey(rgb: NDArray[np.uint8], weights: tuple[float, float, float] = LUMA) -> 
 
 def _decode(data: bytes, max_megapixels: float) -> NDArray[np.uint8]:
     with warnings.catch_warnings():
-        # Pillow's own bomb check is replaced by ours; its other warnings are about metadata.
+        # Pillow's own bomb check warns at half of its limit; its other warnings are about metadata.
         warnings.simplefilter("ignore")
         try:
             opened = Image.open(io.BytesIO(data), formats=FORMATS)
-        except Image.DecompressionBombError:
-            raise ImageError(f"has more pixels than the limit of {max_megapixels:g} megapixels") from None
+        except Image.DecompressionBombError as error:
+            raise ImageError(f"has too many pixels, the limit is {max_megapixels:g} megapixels ({error})") from None
+        except UnidentifiedImageError:
+            raise ImageError(f"is not a picture that can be read; known are {', '.join(FORMATS)}") from None
         except Exception as error:
             # Decoders raise whatever their parser stumbles on.
-            known = ", ".join(FORMATS)
-            raise ImageError(f"is not a picture that can be read ({_first_line(error)}); known are {known}") from None
+            raise ImageError(f"is not a picture that can be read ({_first_line(error)})") from None
         _check_size(*opened.size, max_megapixels)
-        deep = any(";16" in str(tile[3]) for tile in opened.tile)
+        _check_tiff(opened)
+        deep = any(_is_deep(opened.format, tile[3]) for tile in opened.tile)
         try:
             image = ImageOps.exif_transpose(opened)
             image.load()
@@ -140,33 +152,68 @@ def _check_size(width: int, height: int, max_megapixels: float) -> None:
         raise ImageError(
             f"{width} × {height} pixels are {width * height / 1e6:.0f} megapixels, the limit is {max_megapixels:g}"
         )
+    if max(width, height) > MAX_SIDE:
+        raise ImageError(f"{width} × {height} pixels have a side beyond {MAX_SIDE}")
     if min(width, height) < MIN_SIDE:
         raise ImageError(f"{width} × {height} pixels are too few; both sides need at least {MIN_SIDE}")
 
 
+def _check_tiff(image: Image.Image) -> None:
+    """Refuse the kinds of TIFF that Pillow opens and gets wrong."""
+    if not isinstance(image, TiffImageFile):
+        return
+    tags = image.tag_v2
+    if image.mode == "I":
+        raise ImageError("holds signed or 32-bit pixels; convert it to 8 or 16 bits a channel")
+    if max(tags.get(BITSPERSAMPLE, (1,))) > 8:
+        if tags.get(PHOTOMETRIC_INTERPRETATION) == 0:
+            raise ImageError("holds 16-bit grey whose zero is white; convert it to zero for black, or to 8 bits")
+        if tags.get(PLANAR_CONFIGURATION) == 2 and image.tile[0][0] == "raw":
+            raise ImageError("holds 16-bit colour in separate planes; convert it to interleaved, or to 8 bits")
+
+
+def _is_deep(kind: str | None, arguments: Any) -> bool:
+    """Whether a decoder with these arguments reads 16 bits a channel: by the raw mode, or the largest value."""
+    return ";16" in str(arguments) or (kind == "PPM" and isinstance(arguments, tuple) and arguments[1] > 255)
+
+
 def _to_srgb(image: Image.Image) -> Image.Image:
     """RGB or RGBA in sRGB, by the embedded profile if it is sound."""
-    if image.mode in ("I;16", "I;16B", "I;16L", "I"):
-        values = np.asarray(image).astype(np.int64)
-        image = Image.fromarray(((np.clip(values, 0, 65535) * 255 + 32767) // 65535).astype(np.uint8))
     if image.mode == "F":
         raise ImageError("holds floating-point pixels; convert it to 8 or 16 bits a channel")
-    transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
     profile = image.info.get("icc_profile")
-    if profile and image.mode in ("RGB", "CMYK", "L", "RGBA"):
+    if image.mode.startswith("I"):
+        image = Image.fromarray(_cut_16_bits(np.clip(np.asarray(image), 0, 65535)))
+    transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+    alpha = None
+    if transparent:
+        whole = image.convert("RGBA")
+        alpha = whole.getchannel("A")
+        image = image.convert("L") if image.mode in ("L", "LA") else whole.convert("RGB")
+    elif image.mode not in ("L", "RGB", "CMYK"):
         try:
-            alpha = image.getchannel("A") if image.mode == "RGBA" else None
-            bare = image.convert("RGB") if alpha is not None else image
-            source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-            converted = ImageCms.profileToProfile(bare, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
-            if converted is not None:
-                if alpha is not None:
-                    converted.putalpha(alpha)
-                return converted
-        except (ImageCms.PyCMSError, OSError, ValueError) as error:
-            message = f"the colour profile is ignored ({_first_line(error)})"
-            warnings.warn(message, StrokeplanWarning, stacklevel=2)
-    return image.convert("RGBA" if transparent else "RGB")
+            image = image.convert("L" if image.mode == "1" else "RGB")
+        except ValueError as error:
+            raise ImageError(f"holds {image.mode} pixels, which cannot be converted ({error})") from None
+    rgb = (_by_profile(image, profile) if profile else None) or image.convert("RGB")
+    if alpha is not None:
+        rgb.putalpha(alpha)
+    return rgb
+
+
+def _by_profile(image: Image.Image, profile: bytes) -> Image.Image | None:
+    """The L, RGB or CMYK picture in sRGB; None, with a warning, for a profile that is broken or of other channels."""
+    try:
+        source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        return ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+    except (ImageCms.PyCMSError, OSError, ValueError) as error:
+        warnings.warn(f"the colour profile is ignored ({_first_line(error)})", StrokeplanWarning, stacklevel=2)
+        return None
+
+
+def _cut_16_bits(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """0..65535 → 0..255, rounded."""
+    return ((values.astype(np.uint32) * 255 + 32767) // 65535).astype(np.uint8)
 
 
 def _over_paper(image: Image.Image) -> Image.Image:

@@ -58,7 +58,8 @@ def cell_axis(size: int, width: float, grid: str = "cells") -> Axis:
         return Axis(np.maximum(start, 0), np.where(start < 0, 0, stop), (nodes + step // 2).astype(np.float64))
     edges: NDArray[np.float64] = np.minimum(np.arange(-(-size // width) + 1) * width, size)
     pixels = np.ceil(edges - 0.5).astype(np.int64)
-    return Axis(pixels[:-1], pixels[1:], 0.5 * (edges[:-1] + edges[1:]))
+    some = pixels[:-1] < pixels[1:]  # the last cell, or one narrower than a pixel, may hold no pixel's centre
+    return Axis(pixels[:-1][some], pixels[1:][some], 0.5 * (edges[:-1] + edges[1:])[some])
 
 
 @dataclass(slots=True)

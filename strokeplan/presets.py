@@ -7,10 +7,13 @@ sees pixels.
 
 from __future__ import annotations
 
+import re
+import reprlib
 from importlib.resources import files
 from math import sqrt
+from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec import Meta, Struct
@@ -20,7 +23,7 @@ from strokeplan.errors import PresetError
 MAX_LENGTH = 1e5
 Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
 PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
-HexColor = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$")]
+HexColor = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$", max_length=7)]  # "$" alone would let a newline follow
 
 
 class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -105,7 +108,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def override(self, settings: dict[str, Any]) -> Preset:
         """A copy with values replaced by dotted key; layers count from 1: {"layers.2.width": 8}."""
-        raw = msgspec.to_builtins(self)
+        raw = msgspec.json.decode(msgspec.json.encode(self))  # not to_builtins: its tuples cannot be assigned to
         for key, value in settings.items():
             _assign(raw, key, value)
         return _from_builtins(raw, self.name or "preset")
@@ -119,7 +122,7 @@ def names() -> list[str]:
     return sorted(entry.name.removesuffix(".toml") for entry in _folder().iterdir() if entry.name.endswith(".toml"))
 
 
-def load_preset(preset: str | Path | Preset) -> Preset:
+def load_preset(preset: str | PathLike[str] | Preset) -> Preset:
     """A shipped preset by name, or one from a .toml file. Raises PresetError."""
     if isinstance(preset, Preset):
         return preset
@@ -152,10 +155,14 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
             raise PresetError(f"{assignment!r} is not KEY=VALUE; try layers.2.width=8")
         try:
             value = msgspec.toml.decode(f"value = {text.strip()}")["value"]
-        except msgspec.DecodeError:
+        except _NOT_TOML:
             value = text.strip()
         settings[key.strip()] = value
     return settings
+
+
+_NOT_TOML = (msgspec.DecodeError, ValueError, RecursionError)
+"""What the parser raises; the latter two for bytes that are not UTF-8, endless numbers, endless nesting."""
 
 
 def _folder() -> Any:
@@ -165,7 +172,7 @@ def _folder() -> Any:
 def _parse(data: bytes, where: str, name: str) -> Preset:
     try:
         raw = msgspec.toml.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except _NOT_TOML as error:
         raise PresetError(f"preset {where}: is not TOML ({error})") from None
     raw.setdefault("name", name)
     return _from_builtins(raw, where)
@@ -175,7 +182,7 @@ def _from_builtins(raw: Any, where: str) -> Preset:
     try:
         preset = msgspec.convert(raw, Preset)
     except msgspec.ValidationError as error:
-        raise PresetError(f"preset {where}: {_readable(str(error))}") from None
+        raise PresetError(f"preset {where}: {_readable(str(error), raw)}") from None
     return preset
 
 
@@ -185,7 +192,7 @@ def _assign(raw: dict[str, Any], key: str, value: Any) -> None:
     for step in (*parents, None):
         if isinstance(node, list):
             label = last if step is None else step
-            if not label.isdigit() or not 1 <= int(label) <= len(node):
+            if not label.isdecimal() or not 1 <= int(label) <= len(node):
                 raise PresetError(f"{key}: there is no layer {label!r}; layers are numbered 1 to {len(node)}")
             if step is None:
                 node[int(label) - 1] = value
@@ -203,13 +210,19 @@ def _assign(raw: dict[str, Any], key: str, value: Any) -> None:
             raise PresetError(f"{key}: a value has no parts")
 
 
-def _readable(message: str) -> str:
-    """msgspec's "… - at `$.layers[1].width`" with our numbering: "… (at layers.2.width)"."""
-    text, at, path = message.partition(" - at `$.")
-    if not at:
-        return text
-    head, *indexed = path.rstrip("`").split("[")
-    for part in indexed:
-        index, _, rest = part.partition("]")
-        head += f".{int(index) + 1}{rest}" if index.isdigit() else f"[{part}"
-    return f"{text} (at {head})"
+def _readable(message: str, raw: Any) -> str:
+    """msgspec's "Expected … - at `$.layers[1].width`" as "layers.2.width = -8: Expected …", and what is known there."""
+    text, _, path = message.partition(" - at `$")
+    steps = re.findall(r"\w+", path)
+    value = raw
+    for step in steps:
+        value = value[int(step) if step.isdecimal() else step]
+    place = ".".join(str(int(step) + 1) if step.isdecimal() else step for step in steps)
+    known = {field.name: field.type for field in msgspec.structs.fields(LayerPreset if "layers" in steps else Preset)}
+    if "unknown field" in text:
+        text += f"; known are {', '.join(known)}"
+    elif text.startswith("Invalid enum"):
+        text = f"Expected one of {', '.join(get_args(known[steps[-1]]))}"
+    if not isinstance(value, dict | list | tuple):
+        place += f" = {reprlib.repr(value)}"
+    return f"{place}: {text}" if place else text

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Cap = Literal["round", "butt"]
+Medium = Literal["paint", "ink"]
+
+MIN_SIZE, MAX_SIZE = 1e-3, 1e6
+"""Smallest and largest side of a canvas; no stroke is wider either."""
+MAX_COORDINATE = 1e7
+"""Strokes may leave the canvas; a coordinate further from the origin than this is a mistake or an attack."""
 
 
 def rgb_to_hex(color: tuple[int, int, int]) -> str:
@@ -30,15 +37,37 @@ def hex_to_rgb(color: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
+def plain(value: Any) -> Any:
+    """A JSON-like value as a file keeps it: lists for tuples, "?" for what is no character in a text.
+
+    (A file name may hold bytes that are no UTF-8.) Raises ValueError for a value that JSON has no place for.
+    """
+    match value:
+        case None | bool() | int():
+            return value
+        case float() if isfinite(value):
+            return value
+        case str():
+            return value.encode(errors="replace").decode()
+        case list() | tuple():
+            return [plain(item) for item in value]
+        case dict():
+            return {plain(str(key)): plain(item) for key, item in value.items()}
+    raise ValueError(f"{value!r} is no JSON value")
+
+
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Strokes first … last − 1 of a plan. `medium` says what lays them: "paint" or "ink"."""
+    """Strokes first … last − 1 of a plan. `medium` says what lays them."""
 
     name: str
     first: int
     last: int
-    medium: str = "paint"
+    medium: Medium = "paint"
     cap: Cap = "round"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", plain(self.name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +79,17 @@ class Source:
     width: int
     height: int
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", plain(self.name))
+        if not (1 <= self.width <= MAX_SIZE and 1 <= self.height <= MAX_SIZE):
+            raise ValueError(f"a photo of {self.width} × {self.height} pixels is none that can be planned")
+
 
 @dataclass(frozen=True, eq=False)
 class StrokePlan:
     """n strokes, each a chain of cubic Béziers with one width and one colour.
+
+    Any plan can be saved and is the same when loaded again; columns that do not fit raise ValueError.
 
     width, height  of the canvas, in the unit of the coordinates.
     points         (p, 2) float64: the chains of all strokes, one after the other, 3k + 1 rows each.
@@ -83,14 +119,37 @@ class StrokePlan:
     pens: tuple[str | None, ...] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "settings", plain(self.settings))
+        object.__setattr__(self, "pens", self.pens and tuple(plain(self.pens)))
         n = len(self.widths)
-        if self.starts.shape != (n + 1,) or self.colors.shape != (n, 3) or self.points.shape != (self.starts[-1], 2):
-            raise ValueError(f"columns of a plan disagree: {n} widths, {self.starts.shape} starts, {self.points.shape}")
-        if np.any(self.counts < 4) or np.any((self.counts - 1) % 3):
+        _check_column("points", self.points, (len(self.points), 2), np.float64)
+        _check_column("starts", self.starts, (n + 1,), np.int64)
+        _check_column("widths", self.widths, (n,), np.float64)
+        _check_column("colors", self.colors, (n, 3), np.uint8)
+        if self.starts[0] != 0 or self.starts[-1] != len(self.points):
+            raise ValueError(f"starts must begin with 0 and end with the number of points, {len(self.points)}")
+        if np.any(self.counts < 4) or np.any(self.counts % 3 != 1):
             raise ValueError("a stroke has 3k + 1 points, k at least 1")
+        if not np.all(np.abs(self.points) <= MAX_COORDINATE):
+            raise ValueError(f"a coordinate is not within ±{MAX_COORDINATE:g}")
+        if not np.all((self.widths > 0) & (self.widths <= MAX_SIZE)):
+            raise ValueError(f"the width of a stroke is not above 0 and at most {MAX_SIZE:g}")
+        if not (MIN_SIZE <= self.width <= MAX_SIZE and MIN_SIZE <= self.height <= MAX_SIZE):
+            raise ValueError(f"the canvas, {self.width} × {self.height}, has a side not in {MIN_SIZE:g}..{MAX_SIZE:g}")
+        if len(self.background) != 3 or not all(0 <= value <= 255 for value in self.background):
+            raise ValueError(f"the background {self.background} is no colour of 8 bits a channel")
         ends = [0, *(layer.last for layer in self.layers)]
-        if [layer.first for layer in self.layers] != ends[:-1] or ends[-1] != n:
+        if [layer.first for layer in self.layers] != ends[:-1] or ends != sorted(ends) or ends[-1] != n:
             raise ValueError(f"layers must cover strokes 0 … {n} in order")
+        if self.pens is not None and len(self.pens) != n:
+            raise ValueError(f"{len(self.pens)} pens for {n} strokes")
+        if self.pressures is not None:
+            _check_column("pressures", self.pressures, (int(self.knots.sum()),), np.float64)
+            none = np.isnan(self.pressures)
+            first = np.cumsum(self.knots) - self.knots
+            ranged = none | ((self.pressures >= 0) & (self.pressures <= 1))
+            if not np.all(ranged) or np.any(none != np.repeat(none[first], self.knots)):
+                raise ValueError("the pressures of a stroke lie in 0..1, or are all NaN")
 
     def __len__(self) -> int:
         return len(self.widths)
@@ -105,12 +164,18 @@ class StrokePlan:
         return np.diff(self.starts)
 
     @property
+    def knots(self) -> NDArray[np.int64]:
+        """(n,) on-curve points in each stroke: where its cubics begin and end."""
+        return self.counts // 3 + 1
+
+    @property
     def cubics(self) -> int:
         """Number of cubic pieces in all strokes."""
-        return int(((self.counts - 1) // 3).sum())
+        return int((self.counts // 3).sum())
 
     def stroke(self, i: int) -> NDArray[np.float64]:
-        """The (3k + 1, 2) chain of stroke i."""
+        """The (3k + 1, 2) chain of stroke i; counted from the end if i is negative."""
+        i = range(len(self))[i]
         return self.points[self.starts[i] : self.starts[i + 1]]
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
@@ -127,6 +192,11 @@ class StrokePlan:
         from strokeplan.formats.svg import encode
 
         return encode(self).decode()
+
+
+def _check_column(name: str, column: NDArray[Any], shape: tuple[int, ...], dtype: type) -> None:
+    if column.shape != shape or column.dtype != dtype:
+        raise ValueError(f"{name} must be {shape} {dtype.__name__}, not {column.shape} {column.dtype}")
 
 
 def describe(plan: StrokePlan) -> list[tuple[str, str]]:

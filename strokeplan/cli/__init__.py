@@ -59,14 +59,15 @@ def main() -> None:
     """Run the command line; errors are one line on stderr, and the exit code says what kind."""
     warnings.showwarning = lambda message, *_: typer.echo(f"note: {message}", err=True)
     try:
-        code = app(standalone_mode=False)
+        app(prog_name="strokeplan")  # ends in SystemExit; Typer itself reports errors of usage, with exit code 2
     except StrokeplanError as error:
         _fail(str(error), error.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; no file was left half written", INTERRUPTED)
     except MemoryError:
         _fail("out of memory; try a smaller picture", 1)
-    sys.exit(code or 0)
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:  # what Typer makes of Ctrl-C
+            _fail("interrupted; no file was left half written", INTERRUPTED)
+        raise
 
 
 def _fail(message: str, code: int) -> None:

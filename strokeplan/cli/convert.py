@@ -20,11 +20,8 @@ def render(
 ) -> None:
     """Paint a strokes file as a picture of any size."""
     from strokeplan import formats, rendering
-    from strokeplan.errors import FormatError
 
-    if output.suffix.lower() != ".png":
-        raise FormatError(f"{output}: unknown suffix {output.suffix!r} for a picture; known is .png")
-    formats.check_target(output)
+    formats.check_picture(output)
     picture = rendering.render(formats.load(plan), width=width, height=height, scale=scale)
     formats.write(output, rendering.encode_png(picture))
     typer.echo(f"wrote {file_line(output)}, {picture.shape[1]} × {picture.shape[0]} pixels")
@@ -60,5 +57,8 @@ def evaluate(plan: PlanArgument, image: ImageArgument) -> None:
     from strokeplan.evaluate import evaluate
     from strokeplan.image import load_photo
 
-    figures = evaluate(formats.load(plan), load_photo(image))
+    strokes, photo = formats.load(plan), load_photo(image)
+    figures = evaluate(strokes, photo)
+    if strokes.source is not None and strokes.source.sha256 not in ("", photo.sha256):
+        typer.echo(f"note: {plan} was planned from another file, {strokes.source.name}", err=True)
     typer.echo(f"PSNR {figures.psnr_db:.2f} dB   SSIM {figures.ssim:.4f}   RGB distance {figures.rgb:.2f}")

@@ -74,10 +74,10 @@ def montage(
     from strokeplan.planner import plan
     from strokeplan.presets import load_preset, parse_assignments
 
-    formats.check_target(output)
+    paths = photo_files(images)
+    formats.check_picture(output, *paths)
     style = load_preset(preset).override(parse_assignments(settings or []))
     figures.check_montage(columns, tile)
-    paths = photo_files(images)
     compiling_note()
     pictures = []
     for path in paths:

@@ -42,7 +42,7 @@ def plan(
     from strokeplan import formats, planner, presets
 
     for path in output:
-        formats.check_target(path)
+        formats.check_target(path, image)
     style = presets.load_preset(preset).override(presets.parse_assignments(settings or []))
     compiling_note()
     reports: list[Report] = []

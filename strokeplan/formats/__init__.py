@@ -5,9 +5,10 @@ from __future__ import annotations
 import gzip
 import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from strokeplan.errors import FormatError
+from strokeplan.errors import FormatError, OutputError
 from strokeplan.files import atomic_write, check_writable
 from strokeplan.strokes import StrokePlan
 
@@ -56,18 +57,34 @@ def writer(path: str | os.PathLike[str]) -> Encoder:
     raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r}; known are {', '.join(WRITERS)}")
 
 
-def check_target(path: str | os.PathLike[str]) -> None:
-    """Raise now what `save` would raise later: unknown suffix, no Pycairo, no such folder, no permission."""
+def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
+    """Raise now what `save` would raise later: unknown suffix, no Pycairo, no such folder, no permission.
+
+    Also if `path` is one of the files that the work starts from.
+    """
     if writer(path) is _png:
         from strokeplan.rendering import require_cairo
 
         require_cairo()
     check_writable(path)
+    for source in inputs:
+        with suppress(OSError):  # one of them does not exist
+            if Path(path).samefile(source):
+                raise OutputError(f"{path}: is what the work starts from; give another name")
+
+
+def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
+    """`check_target` for a command that makes pictures only."""
+    if writer(path) is not _png:
+        raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known is .png")
+    check_target(path, *inputs)
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
     """Raise OutputError if `path` is not a folder to write into and cannot become one."""
     path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path}: is a file; give a folder")
     check_writable(path / "figure" if path.is_dir() else path)
 
 

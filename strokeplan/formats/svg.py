@@ -8,7 +8,9 @@ data are relative cubics of numbers rounded on the absolute grid, so that nothin
 from __future__ import annotations
 
 import io
+import re
 from itertools import islice
+from math import ceil, log10
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -22,7 +24,10 @@ from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 NAMESPACE = "urn:strokeplan"
 DECIMALS = 2
-"""Coordinates are written to 1/100 of a pixel of the photo, which is what the planner gives."""
+"""Coordinates are written to 1/100 of a pixel of the photo, which is what the planner gives …"""
+DIGITS = 5
+"""… and on a small canvas to more: this many digits for its longer side."""
+_NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def encode(plan: StrokePlan) -> bytes:
@@ -31,9 +36,10 @@ def encode(plan: StrokePlan) -> bytes:
     drawing = svgwrite.Drawing(size=(width, height), debug=False, viewBox=f"0 0 {width} {height}")
     drawing.attribs["xmlns:inkscape"] = INKSCAPE
     source = plan.source.name if plan.source else ""
-    drawing.set_desc(title=source or "strokeplan", desc=f"{len(plan)} strokes, planned by strokeplan")
+    drawing.set_desc(title=_text(source) or "strokeplan", desc=f"{len(plan)} strokes, planned by strokeplan")
     settings = Element("strokeplan:settings", {"xmlns:strokeplan": NAMESPACE})
-    settings.text = msgspec.json.encode(plan.settings).decode()
+    # What XML has no place for is written as JSON escapes it, so that nothing is lost.
+    settings.text = _NOT_XML.sub(lambda bad: f"\\u{ord(bad[0]):04x}", msgspec.json.encode(plan.settings).decode())
     drawing.set_metadata(settings)
     drawing.add(drawing.rect((0, 0), ("100%", "100%"), id="background", fill=rgb_to_hex(plan.background)))
     for number, layer in enumerate(plan.layers, start=1):
@@ -69,14 +75,15 @@ def _group(drawing: svgwrite.Drawing, plan: StrokePlan, layer: Layer, number: in
     if len(widths) == 1:
         group["stroke-width"] = _number(widths[0])
     group.attribs["inkscape:groupmode"] = "layer"
-    group.attribs["inkscape:label"] = layer.name
+    group.attribs["inkscape:label"] = _text(layer.name)
     group.add(_Mark())
     return group
 
 
 def _path_lines(plan: StrokePlan) -> list[bytes]:
     """The path elements of each layer."""
-    grid = np.rint(plan.points * 10**DECIMALS).astype(np.int64)
+    unit = 10 ** max(DECIMALS, DIGITS - ceil(log10(max(plan.width, plan.height))))
+    grid = np.rint(plan.points * unit).astype(np.int64)
     relative = grid.copy()
     # Every piece counts from its own start: rows 3k of a stroke, repeated for the three rows that follow.
     within = np.arange(len(grid)) - np.repeat(plan.starts[:-1], plan.counts)
@@ -84,7 +91,7 @@ def _path_lines(plan: StrokePlan) -> list[bytes]:
     later = within > 0
     relative[later] -= grid[origin[later]]
     # One call turns all numbers into their shortest text; a list of floats is the fastest there is.
-    numbers = msgspec.json.encode((relative.ravel() / 10**DECIMALS).tolist())[1:-1].replace(b".0,", b",").split(b",")
+    numbers = msgspec.json.encode((relative.ravel() / unit).tolist())[1:-1].replace(b".0,", b",").split(b",")
     if numbers[-1].endswith(b".0"):
         numbers[-1] = numbers[-1][:-2]
     ends = (2 * plan.starts).tolist()
@@ -107,5 +114,10 @@ def _path_lines(plan: StrokePlan) -> list[bytes]:
 
 
 def _number(value: float) -> str:
-    """Shortest decimal of at most six digits after the point."""
-    return f"{value:.6f}".rstrip("0").rstrip(".")
+    """Shortest text of at most nine digits."""
+    return f"{value:.9g}"
+
+
+def _text(text: str) -> str:
+    """`text` with U+FFFD for characters that XML has no place for."""
+    return _NOT_XML.sub("\ufffd", text)

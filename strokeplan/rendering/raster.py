@@ -44,7 +44,11 @@ def render(
     Give one of `width` or `height` (pixels; the other follows) or `scale` (1 = the canvas's own size,
     the default). Raises InputError for a size that is no size, MissingExtraError without Pycairo.
     """
-    columns, rows = picture_size(plan, width=width, height=height, scale=scale)
+    return paint(plan, *picture_size(plan, width=width, height=height, scale=scale))
+
+
+def paint(plan: StrokePlan, columns: int, rows: int) -> NDArray[np.uint8]:
+    """Paint the plan as a (rows, columns, 3) uint8 picture, stretched to fit if the shapes differ."""
     surface = Surface(columns, rows, plan.background)
     surface.context.scale(columns / plan.width, rows / plan.height)
     _paint(surface.context, plan)
@@ -56,6 +60,7 @@ class Surface:
 
     def __init__(self, width: int, height: int, background: tuple[int, int, int] = (255, 255, 255)) -> None:
         cairo = require_cairo()
+        _check_sides(width, height)
         self._surface = cairo.ImageSurface(cairo.FORMAT_RGB24, width, height)
         self.context = cairo.Context(self._surface)
         self.context.set_source_rgb(*(value / 255 for value in background))
@@ -72,6 +77,7 @@ class Surface:
         shown = cairo.ImageSurface.create_for_data(pixels, cairo.FORMAT_RGB24, columns, rows)
         surface.context.scale(scale, scale)
         surface.context.set_source_surface(shown)
+        surface.context.get_source().set_extend(cairo.EXTEND_PAD)  # or the photo's border fades into the white
         surface.context.paint()
         shown.finish()
         return surface
@@ -102,11 +108,14 @@ def picture_size(
         factor = width / plan.width
     if height is not None:
         factor = height / plan.height
-    columns = width if width is not None else max(round(plan.width * factor), 1)
-    rows = height if height is not None else max(round(plan.height * factor), 1)
-    if max(columns, rows) > MAX_SIDE:
-        raise InputError(f"a picture of {columns} × {rows} pixels is too large; a side may have {MAX_SIDE}")
-    return int(columns), int(rows)
+    columns, rows = plan.width * factor, plan.height * factor
+    _check_sides(columns, rows)
+    return max(round(columns), 1), max(round(rows), 1)
+
+
+def _check_sides(columns: float, rows: float) -> None:
+    if max(columns, rows) >= MAX_SIDE + 0.5:
+        raise InputError(f"a picture of {columns:.0f} × {rows:.0f} pixels is too large; a side may have {MAX_SIDE}")
 
 
 def encode_png(picture: NDArray[np.uint8]) -> bytes:

@@ -1,0 +1,100 @@
+"""Figures of the presets on sets of photos: python benchmarks/fidelity.py FOLDER… [--write]
+
+Plans every photo of each folder (such as NPRgeneral and NPRportrait level 1, which are not ours to ship)
+with each preset, paints the plan at the photo's size and compares. Prints docs/fidelity.md, and with
+--write puts it there.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import strokeplan
+from strokeplan.evaluate import compare
+from strokeplan.image import photo_files
+
+PAGE = Path(__file__).parent.parent / "docs" / "fidelity.md"
+PRESETS = ("paper", "paper-published")
+PUBLISHED = {"NPRgeneral": ("17.4 dB", "0.498", "33.6"), "NPRportrait1": ("21.0 dB", "0.699", "16.9")}
+"""The paper author's published pictures of these sets, measured in the same way against the photos."""
+
+
+class Row(NamedTuple):
+    """One photo with one preset."""
+
+    psnr_db: float
+    ssim: float
+    rgb: float
+    strokes: int
+    cubics: int
+    bare: float
+    """Part of the canvas that no stroke covers, in percent."""
+    cpu_s: float
+    """Planning alone."""
+
+
+def measure(path: Path, preset: str) -> Row:
+    photo = strokeplan.load_photo(path)
+    began = time.process_time()
+    plan = strokeplan.plan(photo, preset, threads=1)
+    spent = time.process_time() - began
+    figures = compare(strokeplan.render(plan), photo.rgb)
+    return Row(figures.psnr_db, figures.ssim, figures.rgb, len(plan), plan.cubics, bare_percent(plan), spent)
+
+
+def bare_percent(plan: strokeplan.StrokePlan) -> float:
+    """Paint all strokes black on white: what stays white is bare."""
+    black = strokeplan.StrokePlan(**{**vars_of(plan), "colors": np.zeros_like(plan.colors)})
+    return float((strokeplan.render(black) == 255).all(axis=-1).mean() * 100)
+
+
+def vars_of(plan: strokeplan.StrokePlan) -> dict[str, object]:
+    return {name: getattr(plan, name) for name in plan.__dataclass_fields__}
+
+
+def line(name: str, row: Row) -> str:
+    return (
+        f"| {name} | {row.psnr_db:.2f} dB | {row.ssim:.3f} | {row.rgb:.1f} | {row.strokes:,.0f} | {row.cubics:,.0f} "
+        f"| {row.bare:.1f} % | {row.cpu_s:.2f} s |"
+    )
+
+
+def main(folders: list[Path]) -> str:
+    head = "| | PSNR | SSIM | RGB distance | strokes | cubics | bare canvas | planning, CPU |\n|" + " --- |" * 8
+    parts = [
+        "# Fidelity of the presets\n",
+        "Made by `python benchmarks/fidelity.py FOLDER… --write`: every photo planned with seed 0, painted at its",
+        "own size by Pycairo and compared with the photo. PSNR and SSIM (over the channels) are scikit-image's, RGB",
+        "distance is the mean Euclidean distance in 8-bit RGB. The published row is the paper author's own pictures,",
+        "measured in the same way; how `paper-published` follows them, and `paper` the text, is said in the presets.\n",
+    ]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for folder in folders:
+            paths = photo_files([folder])
+            rows = {preset: list(pool.map(measure, paths, [preset] * len(paths))) for preset in PRESETS}
+            parts += [f"## {folder.name}: means over {len(paths)} photos\n", head]
+            if folder.name in PUBLISHED:
+                parts.append("| published pictures | " + " | ".join(PUBLISHED[folder.name]) + " | | | | |")
+            parts += [line(f"`{preset}`", Row(*np.mean(rows[preset], axis=0))) for preset in PRESETS]
+            for preset in PRESETS:
+                parts += [f"\n### {folder.name}, `{preset}`\n", head]
+                parts += [line(path.stem, row) for path, row in zip(paths, rows[preset], strict=True)]
+            parts.append("")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    arguments = [Path(argument) for argument in sys.argv[1:] if argument != "--write"]
+    if not arguments:
+        sys.exit(__doc__)
+    page = main(arguments)
+    print(page)
+    if "--write" in sys.argv:
+        PAGE.write_text(page)

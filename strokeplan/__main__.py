@@ -1,0 +1,5 @@
+"""python -m strokeplan."""
+
+from strokeplan.cli import main
+
+main()
