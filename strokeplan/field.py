@@ -68,9 +68,9 @@ def submit_field(
     factor: int | None = None,
     executor: Executor | None = None,
 ) -> Callable[[], OrientationField]:
-    """Like `orientation_field`, with the strips in the threads of `executor`; call the result to wait.
+    """Like `orientation_field`, with the strips in the threads of `executor`; call the result to have it.
 
-    Without an executor the work is done at that call. The field does not depend on it.
+    That call does itself what no thread has begun. The field does not depend on who does what.
     """
     height, width = grey.shape
     factor = pyramid_factor(sigma) if factor is None else factor
@@ -89,15 +89,19 @@ def submit_field(
         inside = slice(top - low, bottom - low)
         _eigensystem(tensor[0][inside], tensor[1][inside], tensor[2][inside], floor2, samples[top:bottom])
 
-    run = map if executor is None else executor.map
-    strips = run(strip, range(0, small.shape[0], STRIP_ROWS))
+    tops = range(0, small.shape[0], STRIP_ROWS)
+    submitted = [None if executor is None else executor.submit(strip, top) for top in tops]
 
-    def wait() -> OrientationField:
-        for _ in strips:
-            pass
+    def finish() -> OrientationField:
+        for top, future in zip(reversed(tops), reversed(submitted), strict=True):  # the threads begin at the top
+            if future is None or future.cancel():
+                strip(top)
+        for future in submitted:
+            if future is not None and not future.cancelled():
+                future.result()
         return OrientationField(samples, float(factor), width, height)
 
-    return wait
+    return finish
 
 
 def orientation_field(
