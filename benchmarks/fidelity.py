@@ -66,6 +66,11 @@ def line(name: str, row: Row) -> str:
     )
 
 
+def warm_up() -> None:
+    """Load the kernels, or compile them, outside of any photo's time."""
+    strokeplan.plan(np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8), threads=1)
+
+
 def main(folders: list[Path]) -> str:
     head = "| | PSNR | SSIM | RGB distance | strokes | cubics | bare canvas | planning, CPU |\n|" + " --- |" * 8
     parts = [
@@ -75,7 +80,7 @@ def main(folders: list[Path]) -> str:
         "distance is the mean Euclidean distance in 8-bit RGB. The published row is the paper author's own pictures,",
         "measured in the same way; how `paper-published` follows them, and `paper` the text, is said in the presets.\n",
     ]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=warm_up) as pool:
         for folder in folders:
             paths = photo_files([folder])
             rows = {preset: list(pool.map(measure, paths, [preset] * len(paths))) for preset in PRESETS}

@@ -54,7 +54,7 @@ class Report:
     """What a finished plan cost, for whoever asks by `report=`."""
 
     seconds: dict[str, float]
-    """Wall time by stage: "read", "fields" (time waited for them) and "strokes"."""
+    """Wall time by stage: "fields" (time waited for them) and "strokes"."""
     error: float
     """Mean RGB distance of photo and planning canvas."""
     canvas: NDArray[np.uint8]
@@ -84,9 +84,8 @@ def plan(
     style = load_preset(preset)
     if orientation is not None:
         style = style.override({"orientation": orientation})
-    began = perf_counter()
     photo = _photo(image)
-    seconds = {"read": perf_counter() - began, "fields": 0.0, "strokes": 0.0}
+    seconds = {"fields": 0.0, "strokes": 0.0}
 
     resolved = style.for_photo(photo.width, photo.height)
     pixels = pack(photo.rgb)

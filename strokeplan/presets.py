@@ -21,6 +21,8 @@ from msgspec import Meta, Struct
 from strokeplan.errors import PresetError
 
 MAX_LENGTH = 1e5
+MAX_FILTER = 1e3
+"""These two filters run at the scale of the layer, which may be the photo's: time grows with them."""
 Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
 PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
 HexColor = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$", max_length=7)]  # "$" alone would let a newline follow
@@ -60,9 +62,9 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     grey: Literal["luma", "mean"] = "luma"
     """How the photo becomes grey: BT.709 luminance, or the mean of the channels."""
     orientation: Literal["tensor", "gradient"] = "tensor"
-    derivative_sigma: PositiveLength = 1.0
+    derivative_sigma: Annotated[float, Meta(gt=0, le=MAX_FILTER)] = 1.0
     """σ_d of the derivative of Gaussian."""
-    integration_sigma: Length = 1.0
+    integration_sigma: Annotated[float, Meta(ge=0, le=MAX_FILTER)] = 1.0
     """ρ of the tensor's averaging."""
     coherence: Annotated[float, Meta(ge=0, le=1)] = 0.5
     """A tract ends where the coherence falls below this."""

@@ -24,12 +24,15 @@ def test_every_kernel_is_stamped_with_all_sources() -> None:
         assert kernel._cache._cache_file._source_stamp == jit._sources()  # type: ignore[attr-defined]
 
 
-def test_the_stamp_changes_with_any_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "one.py").write_text("x = 1")
-    (tmp_path / "two.py").write_text("y = 2")
+def test_the_stamp_changes_with_any_module_that_holds_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "one.py").write_text("@kernel\ndef f(): return 1")
+    (tmp_path / "two.py").write_text("@kernel\ndef g(): return 2")
+    (tmp_path / "plain.py").write_text("y = 2")
     monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
     before = jit._sources.__wrapped__()
-    (tmp_path / "two.py").write_text("y = 3")
+    (tmp_path / "plain.py").write_text("y = 3")
+    assert jit._sources.__wrapped__() == before
+    (tmp_path / "two.py").write_text("@kernel\ndef g(): return 3")
     assert jit._sources.__wrapped__() != before
 
 

@@ -222,7 +222,7 @@ def test_progress_and_report() -> None:
     assert steps[-1].done == steps[-1].total
     assert steps[-1].strokes == len(plan)
     assert steps[-1].error < steps[0].error
-    assert report.seconds.keys() == {"read", "fields", "strokes"}
+    assert report.seconds.keys() == {"fields", "strokes"}
 
 
 @pytest.mark.parametrize(("options", "message"), [({"seed": -1}, "seed -1"), ({"threads": 0}, "threads 0")])

@@ -8,15 +8,15 @@ from typing import Annotated
 import typer
 
 from strokeplan.cli.console import file_line
-from strokeplan.cli.options import ImageArgument, PlanArgument
+from strokeplan.cli.options import ImageArgument, OutputsOption, PlanArgument
 
 
 def render(
     plan: PlanArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture to write: .png.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="The picture to write: .png.")],
     width: Annotated[int | None, typer.Option("--width", help="Width in pixels; the height follows.")] = None,
     height: Annotated[int | None, typer.Option("--height", help="Height in pixels; the width follows.")] = None,
-    scale: Annotated[float | None, typer.Option("--scale", help="Pixels per unit of the plan. [default: 1]")] = None,
+    scale: Annotated[float | None, typer.Option("--scale", help="Pixels per unit of the plan; by default 1.")] = None,
 ) -> None:
     """Paint a strokes file as a picture of any size."""
     from strokeplan import formats, rendering
@@ -27,13 +27,7 @@ def render(
     typer.echo(f"wrote {file_line(output)}, {picture.shape[1]} × {picture.shape[0]} pixels")
 
 
-def export(
-    plan: PlanArgument,
-    output: Annotated[
-        list[Path],
-        typer.Option("--output", "-o", help="Where to write: .json, .json.gz, .svg, .svgz or .png; may be repeated."),
-    ],
-) -> None:
+def export(plan: PlanArgument, output: OutputsOption) -> None:
     """Write a strokes file in other formats."""
     from strokeplan import formats
 

@@ -22,10 +22,10 @@ def inspect(
     layer: Annotated[int, typer.Option("--layer", help="Layer whose scale is shown, from 1.")] = 2,
     point: Annotated[
         str | None,
-        typer.Option("--point", metavar="X,Y", help="Seed of the tract, in pixels. [default: a clear place]"),
+        typer.Option("--point", metavar="X,Y", help="Seed of the tract, in pixels; by default a clear place."),
     ] = None,
     spacing: Annotated[
-        float | None, typer.Option("--spacing", help="Pixels between arrows. [default: by size]")
+        float | None, typer.Option("--spacing", help="Pixels between arrows; by default by size.")
     ] = None,
     compare: Annotated[bool, typer.Option("--compare", help="Also gradient beside tensor strokes (Figure 3).")] = False,
 ) -> None:
@@ -58,8 +58,8 @@ def inspect(
 
 
 def montage(
-    images: Annotated[list[Path], typer.Argument(metavar="IMAGE…", help="Photos, or folders of photos.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The sheet to write: .png.")],
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Photos, or folders of photos.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="The sheet to write: .png.")],
     preset: PresetOption = "paper-published",
     seed: SeedOption = 0,
     settings: SetOption = None,

@@ -18,18 +18,24 @@ ImageArgument = Annotated[
     Path, typer.Argument(metavar="IMAGE", help="The photo: JPEG, PNG, TIFF, WebP, BMP, GIF, PPM.")
 ]
 PlanArgument = Annotated[Path, typer.Argument(metavar="PLAN", help="A strokes file (.json, .json.gz).")]
+OutputsOption = Annotated[
+    list[Path],
+    typer.Option(
+        "--output", "-o", metavar="OUT", help="Where to write: .json, .json.gz, .svg, .svgz or .png; may be repeated."
+    ),
+]
 PresetOption = Annotated[
     str, typer.Option("--preset", "-p", metavar="NAME|FILE.toml", help="Style; `strokeplan presets` lists them.")
 ]
 SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all chance; the same seed gives the same bytes.")]
 OrientationOption = Annotated[
-    Orientation | None, typer.Option("--orientation", help="Where direction comes from. [default: the preset's]")
+    Orientation | None, typer.Option("--orientation", help="Where direction comes from; by default as the preset says.")
 ]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the preset, e.g. layers.2.width=8."),
 ]
 ThreadsOption = Annotated[
-    int | None, typer.Option("--threads", help="Threads to use; the plan is the same. [default: all]")
+    int | None, typer.Option("--threads", help="Threads to use, by default all; the plan is the same.")
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,6 +11,7 @@ from strokeplan.cli.console import compiling_note, file_line, planning_bar
 from strokeplan.cli.options import (
     ImageArgument,
     OrientationOption,
+    OutputsOption,
     PresetOption,
     QuietOption,
     SeedOption,
@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 def plan(
     image: ImageArgument,
-    output: Annotated[
-        list[Path],
-        typer.Option("--output", "-o", help="Where to write: .json, .json.gz, .svg, .svgz or .png; may be repeated."),
-    ],
+    output: OutputsOption,
     preset: PresetOption = "paper",
     seed: SeedOption = 0,
     orientation: OrientationOption = None,
@@ -40,15 +37,19 @@ def plan(
     """Plan the strokes of a photo and write them in one or more formats."""
     begin = perf_counter()
     from strokeplan import formats, planner, presets
+    from strokeplan.image import load_photo
 
     for path in output:
         formats.check_target(path, image)
     style = presets.load_preset(preset).override(presets.parse_assignments(settings or []))
+    reading = perf_counter()
+    photo = load_photo(image)
+    read = perf_counter() - reading
     compiling_note()
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         strokes = planner.plan(
-            image,
+            photo,
             style,
             seed,
             orientation=orientation.value if orientation else None,
@@ -59,7 +60,12 @@ def plan(
     writing = perf_counter()
     formats.save_all(strokes, output)
     if not quiet:
-        seconds = {**reports[0].seconds, "write": perf_counter() - writing, "total": perf_counter() - begin}
+        seconds = {
+            "read": read,
+            **reports[0].seconds,
+            "write": perf_counter() - writing,
+            "total": perf_counter() - begin,
+        }
         typer.echo(_summary(strokes, reports[0].error, seconds))
         typer.echo("wrote " + ", ".join(file_line(path) for path in output))
 
