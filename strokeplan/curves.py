@@ -120,12 +120,12 @@ def _edge_distance2(px: float, py: float, ax: float, ay: float, bx: float, by: f
 def fit(p: NDArray[np.float64], n: int, tolerance: float, bounded: bool, chain: NDArray[np.float64], at: int) -> int:
     """Fit cubics to the vertices p[:n] (consecutive ones distinct); write the chain to chain[at:].
 
-    Returns the number of pieces (at most n − 1). `bounded=False` is the bare method: handles as least
-    squares gives them, errors measured at the vertices alone (only to reproduce published pictures).
+    Returns the number of pieces (at most n − 1). `bounded=False` fits as the published pictures were
+    fitted (see Preset.fit).
     """
     limit2 = (PROBE_MARGIN * tolerance) ** 2 if bounded else tolerance * tolerance
     tangents = _tangents(p, n)
-    if not bounded:
+    if not bounded:  # the published fit's last handle points onwards
         tangents[n - 1, 0], tangents[n - 1, 1] = -tangents[n - 1, 0], -tangents[n - 1, 1]
     u = np.empty(n)
     stack = np.empty((n, 2), np.int64)
@@ -259,7 +259,7 @@ def _least_squares_handles(
         left = right = arc / 3.0 if bounded else chord
     if bounded:
         left, right = min(left, MAX_HANDLE * arc), min(right, MAX_HANDLE * arc)
-    else:
+    else:  # the published fit exchanges them
         left, right = right, left
     _set_handles(t, a, b, left, right, chain, c)
 

@@ -85,8 +85,9 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Eigenvectors turned to agree before they are interpolated, or taken with the sign they have."""
     min_vertices: Annotated[int, Meta(ge=2, le=16)] = 2
     """Tracts with fewer vertices after simplification are dropped."""
-    fit: Literal["bounded", "free"] = "bounded"
-    """Fitted curves held to the tolerance between vertices, or measured at the vertices alone."""
+    fit: Literal["bounded", "published"] = "bounded"
+    """Fitted curves held to the tolerance everywhere; or as the published code fits them: the two handles of a
+    piece exchanged, the last one turned round, nothing measured between the vertices, no second attempt."""
     color: Literal["middle", "handle"] = "middle"
     """One colour a stroke from the middle of its tract, or one a cubic from its second handle."""
     cap: Literal["round", "butt"] = "round"

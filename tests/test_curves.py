@@ -104,7 +104,7 @@ def test_no_handle_is_longer_than_the_arc_it_spans(points: Points) -> None:
         assert np.hypot(*(chain[c + 3] - chain[c + 2])) <= arc
 
 
-def test_the_bare_method_strays_where_ours_does_not() -> None:
+def test_the_published_fit_strays_where_ours_does_not() -> None:
     """What the bound is for: handles from few vertices overshoot between them. The comparator can fail."""
     stored = [np.array(entry["points"]) for entry in json.loads(CORPUS.read_text())]
     worst = 0.0
