@@ -19,6 +19,7 @@ import numpy as np
 import strokeplan
 from strokeplan.evaluate import compare
 from strokeplan.image import photo_files
+from strokeplan.planner import warm_up
 
 PAGE = Path(__file__).parent.parent / "docs" / "fidelity.md"
 PRESETS = ("paper", "paper-published")
@@ -64,11 +65,6 @@ def line(name: str, row: Row) -> str:
         f"| {name} | {row.psnr_db:.2f} dB | {row.ssim:.3f} | {row.rgb:.1f} | {row.strokes:,.0f} | {row.cubics:,.0f} "
         f"| {row.bare:.1f} % | {row.cpu_s:.2f} s |"
     )
-
-
-def warm_up() -> None:
-    """Load the kernels, or compile them, outside of any photo's time."""
-    strokeplan.plan(np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8), threads=1)
 
 
 def main(folders: list[Path]) -> str:

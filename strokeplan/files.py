@@ -22,6 +22,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     temporary = None
     try:
         check_writable(path)
+        path = path.resolve()  # through a link, to what it points to
         handle, name = tempfile.mkstemp(prefix=".strokeplan-", suffix=".part", dir=path.parent)
         temporary = Path(name)
         with os.fdopen(handle, "wb") as stream:

@@ -137,6 +137,11 @@ def _teller(
     return tell
 
 
+def warm_up() -> None:
+    """Compile every kernel, or load it if it is cached, by a plan of a few pixels."""
+    plan(np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8), threads=2)
+
+
 def layer_field(photo: Photo, preset: Preset, number: int) -> OrientationField:
     """The orientation field that layer `number` (from 1) of a preset follows on a photo."""
     resolved = preset.for_photo(photo.width, photo.height)
@@ -186,7 +191,8 @@ def _workers(threads: int | None) -> Iterator[Workers]:
     try:
         yield Workers(executor, count)
     finally:
-        executor.shutdown(cancel_futures=True)
+        # All is done if all went well; if not, nobody waits for a thread that is still at it.
+        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _fields(photo: Photo, preset: Preset, workers: Workers) -> deque[Callable[[], OrientationField]]:

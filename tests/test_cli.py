@@ -16,6 +16,7 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -732,28 +733,57 @@ def test_without_pycairo_only_pictures_are_refused(folder: Path) -> None:
     assert set(contents(folder)) == {"photo.png", "plan.json", "out.json", "out.svg"}
 
 
+def test_a_picture_that_cairo_cannot_hold_is_refused_before_the_work(refused: Refused, folder: Path) -> None:
+    Image.fromarray(np.zeros((3, 40_000, 3), np.uint8)).save(folder / "long.png")
+    refused(("plan", "long.png", "-o", "long.json", "-o", "long_strokes.png"), "40000 × 3 pixels is too large")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("inspect", "photo.png", "-o", "photo.png"), "is a file; give a folder"),
+        (("montage", "photo.png", "-o", "sheet.svg"), "for a picture; known is .png"),
+        (("montage", "photo.png", "-o", "photo.png"), "is what the work starts from"),
+        (("montage", "photo.png", "-o", "sheet.png", "--columns", "0"), "columns 0"),
+        (("montage", "photo.png", "-o", "sheet.png", "--tile", "0"), "tile 0"),
+        (("inspect", "photo.png", "-o", "figures", "--layer", "9"), "there is no layer 9"),
+        (("inspect", "photo.png", "-o", "figures", "--point", "a,b"), "is not X,Y"),
+        (("inspect", "photo.png", "-o", "figures", "--point", "9999,0"), "outside the photo"),
+    ],
+)
+def test_figures_that_cannot_be_drawn_are_refused(refused: Refused, arguments: tuple[str, ...], words: str) -> None:
+    refused(arguments, words)
+
+
 # Python ignores Ctrl-C where its parent does, as shells have it for jobs in the background.
 LISTENING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 CALL = "from strokeplan.cli import main; main()"
 
 
-def test_ctrl_c_ends_a_run_within_seconds_and_leaves_no_file(folder: Path) -> None:
-    """At a terminal, with the progress bar under way."""
+@pytest.mark.parametrize(
+    ("sign", "patience_s", "cold"), [("layer 1 of 4", 0, False), ("compiling the kernels", 2, True)]
+)
+def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, sign: str, patience_s: float, cold: bool
+) -> None:
+    """At a terminal, with the progress bar under way; and while the kernels are compiled for the first time."""
     pixels = np.random.default_rng(1).integers(0, 256, (4000, 5000, 3), np.uint8)
     (folder / "large.ppm").write_bytes(b"P6\n5000 4000\n255\n" + pixels.tobytes())
     before = set(contents(folder))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))} if cold else None
     ours, theirs = pty.openpty()
     start = [sys.executable, "-c", LISTENING + CALL, "plan", "large.ppm", "-o", "out.json", "-o", "out.png"]
-    with subprocess.Popen(start, cwd=folder, stdout=subprocess.PIPE, stderr=theirs) as run:
+    with subprocess.Popen(start, cwd=folder, stdout=subprocess.PIPE, stderr=theirs, env=environment) as run:
         try:
             os.close(theirs)
             shown = b""
-            while b"layer 1 of 4" not in shown:
+            while sign.encode() not in shown:
                 said = heard(ours)
                 assert said, f"the command ended: {shown.decode()}"
                 shown += said
+            time.sleep(patience_s)
             run.send_signal(signal.SIGINT)
-            code = run.wait(timeout=5)
+            code = run.wait(timeout=3)
             while more := heard(ours):
                 shown += more
             out, _ = run.communicate()

@@ -128,6 +128,15 @@ def test_the_longest_name_that_the_file_system_takes_can_be_written(tmp_path: Pa
     assert path.read_bytes() == b"new"
 
 
+def test_a_link_stays_a_link(target: Path, tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(target)
+    with atomic_write(link) as stream:
+        stream.write(b"new")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+
+
 def test_a_folder_is_no_target(tmp_path: Path) -> None:
     for refuse in (check_writable, lambda path: atomic_write(path).__enter__()):
         with pytest.raises(OutputError, match=r"is a folder; give a file name in it$"):

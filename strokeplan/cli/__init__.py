@@ -68,9 +68,11 @@ def main() -> None:
     except MemoryError:
         _fail("out of memory; try a smaller picture", 1)
     except SystemExit as ended:
-        if ended.code == INTERRUPTED:  # what Typer makes of Ctrl-C
-            _fail("interrupted; no file was left half written", INTERRUPTED)
-        raise
+        if ended.code != INTERRUPTED:  # what Typer makes of Ctrl-C
+            raise
+        typer.echo("error: interrupted; no file was left half written", err=True)
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)  # at once: an ordinary end waits for threads, which may be deep in the compiler
 
 
 def _fail(message: str, code: int) -> None:

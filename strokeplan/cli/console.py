@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import typer
@@ -44,12 +45,17 @@ def planning_bar(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
         yield show
 
 
-def compiling_note() -> None:
-    """Say so if the kernels must be compiled first: the only run that keeps a user waiting for nothing to see."""
+def compile_kernels() -> None:
+    """Compile the kernels, and say so, unless that has been done on this machine."""
     from strokeplan.painting import compiled
+    from strokeplan.planner import warm_up
 
     if not compiled():
         typer.echo("compiling the kernels for this machine, once: about ten seconds", err=True)
+        # In a thread, because the compiler hears no Ctrl-C for seconds, and waiting does.
+        compiler = Thread(target=warm_up, daemon=True)
+        compiler.start()
+        compiler.join()
 
 
 def file_line(path: Path) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli.console import compiling_note, file_line, planning_bar
+from strokeplan.cli.console import compile_kernels, file_line, planning_bar
 from strokeplan.cli.options import ImageArgument, PresetOption, QuietOption, SeedOption, SetOption
 
 
@@ -39,7 +39,7 @@ def inspect(
     formats.check_folder(output)
     style = load_preset(preset).override(parse_assignments(settings or []))
     photo = load_photo(image)
-    compiling_note()
+    compile_kernels()
     field = layer_field(photo, style, layer)
     start = figures.clearest_point(field) if point is None else _parse_point(point)
     tract = layer_tract(field, style, layer, start)
@@ -78,7 +78,7 @@ def montage(
     formats.check_picture(output, *paths)
     style = load_preset(preset).override(parse_assignments(settings or []))
     figures.check_montage(columns, tile)
-    compiling_note()
+    compile_kernels()
     pictures = []
     for path in paths:
         photo = load_photo(path)

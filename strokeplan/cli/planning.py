@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from strokeplan.cli.console import compiling_note, file_line, planning_bar
+from strokeplan.cli.console import compile_kernels, file_line, planning_bar
 from strokeplan.cli.options import (
     ImageArgument,
     OrientationOption,
@@ -45,7 +45,8 @@ def plan(
     reading = perf_counter()
     photo = load_photo(image)
     read = perf_counter() - reading
-    compiling_note()
+    formats.check_canvas(output, photo.width, photo.height)
+    compile_kernels()
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         strokes = planner.plan(

@@ -73,6 +73,14 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
                 raise OutputError(f"{path}: is what the work starts from; give another name")
 
 
+def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: int) -> None:
+    """Raise InputError if one of `paths` is a picture, and too large for it at the canvas's own size."""
+    if any(writer(path) is _png for path in paths):
+        from strokeplan.rendering import check_sides
+
+        check_sides(width, height)
+
+
 def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
     """`check_target` for a command that makes pictures only."""
     if writer(path) is not _png:

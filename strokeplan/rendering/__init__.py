@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from strokeplan.rendering.raster import Surface, encode_png, paint, render, require_cairo
+from strokeplan.rendering.raster import Surface, check_sides, encode_png, paint, render, require_cairo
 
-__all__ = ["Surface", "encode_png", "paint", "render", "require_cairo"]
+__all__ = ["Surface", "check_sides", "encode_png", "paint", "render", "require_cairo"]

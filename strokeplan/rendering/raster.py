@@ -60,7 +60,7 @@ class Surface:
 
     def __init__(self, width: int, height: int, background: tuple[int, int, int] = (255, 255, 255)) -> None:
         cairo = require_cairo()
-        _check_sides(width, height)
+        check_sides(width, height)
         self._surface = cairo.ImageSurface(cairo.FORMAT_RGB24, width, height)
         self.context = cairo.Context(self._surface)
         self.context.set_source_rgb(*(value / 255 for value in background))
@@ -109,11 +109,12 @@ def picture_size(
     if height is not None:
         factor = height / plan.height
     columns, rows = plan.width * factor, plan.height * factor
-    _check_sides(columns, rows)
+    check_sides(columns, rows)
     return max(round(columns), 1), max(round(rows), 1)
 
 
-def _check_sides(columns: float, rows: float) -> None:
+def check_sides(columns: float, rows: float) -> None:
+    """Raise InputError for a picture that Cairo cannot hold."""
     if max(columns, rows) >= MAX_SIDE + 0.5:
         raise InputError(f"a picture of {columns:.0f} × {rows:.0f} pixels is too large; a side may have {MAX_SIDE}")
 
