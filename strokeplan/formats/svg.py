@@ -12,7 +12,7 @@ import re
 from itertools import islice
 from math import ceil, log10
 from typing import Any
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Comment, Element
 
 import msgspec
 import numpy as np
@@ -64,8 +64,6 @@ class _Mark(svgwrite.base.BaseElement):  # type: ignore[misc]
     elementname = "mark"
 
     def get_xml(self) -> Any:
-        from xml.etree.ElementTree import Comment
-
         return Comment("strokes")
 
 
