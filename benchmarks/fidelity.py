@@ -74,7 +74,8 @@ def main(folders: list[Path]) -> str:
         "Made by `python benchmarks/fidelity.py FOLDER… --write`: every photo planned with seed 0, painted at its",
         "own size by Pycairo and compared with the photo. PSNR and SSIM (over the channels) are scikit-image's, RGB",
         "distance is the mean Euclidean distance in 8-bit RGB. The published row is the paper author's own pictures,",
-        "measured in the same way; how `paper-published` follows them, and `paper` the text, is said in the presets.\n",
+        "measured in the same way (19 portraits; here all 20). `paper-published` was chosen by its nearness to those",
+        "figures on these very sets (docs/decisions.md): expect less on others. `paper` follows the text alone.\n",
     ]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=warm_up) as pool:
         for folder in folders:
