@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 import strokeplan
-from strokeplan.evaluate import compare
+from strokeplan.evaluate import evaluate
 from strokeplan.image import photo_files
 from strokeplan.planner import warm_up
 
@@ -46,18 +47,14 @@ def measure(path: Path, preset: str) -> Row:
     began = time.process_time()
     plan = strokeplan.plan(photo, preset, threads=1)
     spent = time.process_time() - began
-    figures = compare(strokeplan.render(plan), photo.rgb)
+    figures = evaluate(plan, photo)
     return Row(figures.psnr_db, figures.ssim, figures.rgb, len(plan), plan.cubics, bare_percent(plan), spent)
 
 
 def bare_percent(plan: strokeplan.StrokePlan) -> float:
     """Paint all strokes black on white: what stays white is bare."""
-    black = strokeplan.StrokePlan(**{**vars_of(plan), "colors": np.zeros_like(plan.colors)})
+    black = replace(plan, colors=np.zeros_like(plan.colors))
     return float((strokeplan.render(black) == 255).all(axis=-1).mean() * 100)
-
-
-def vars_of(plan: strokeplan.StrokePlan) -> dict[str, object]:
-    return {name: getattr(plan, name) for name in plan.__dataclass_fields__}
 
 
 def line(name: str, row: Row) -> str:

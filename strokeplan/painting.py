@@ -76,10 +76,10 @@ class LayerStrokes:
             self.width, self.points[:points].copy(), self.counts[:strokes].copy(), self.colours[:strokes].copy()
         )
 
-    def grow(self, points: int, strokes: int) -> None:
-        self.points = _grown(self.points, points)
-        self.counts = _grown(self.counts, strokes)
-        self.colours = _grown(self.colours, strokes)
+    def grow(self, room: int) -> None:
+        self.points = _grown(self.points, room)
+        self.counts = _grown(self.counts, room)
+        self.colours = _grown(self.colours, room)
 
 
 def _grown(column: NDArray[Any], room: int) -> NDArray[Any]:
@@ -89,7 +89,7 @@ def _grown(column: NDArray[Any], room: int) -> NDArray[Any]:
     return grown
 
 
-class _Brush(NamedTuple):
+class Brush(NamedTuple):
     """What the kernels need to know of a layer; lengths in pixels."""
 
     width: float
@@ -146,7 +146,7 @@ def paint_layer(
 
     `tell` is called with cells done, cells in all, and strokes laid so far.
     """
-    brush = _brush(preset, layer)
+    brush = layer_brush(preset, layer)
     columns = cell_axis(field.width, layer.width, preset.grid)
     rows = cell_axis(field.height, layer.width, preset.grid)
     order = _cell_order(seeds, len(columns.start) * len(rows.start))
@@ -166,11 +166,11 @@ def paint_layer(
         at, end = begin, min(begin + batch, len(order))
         while at < end:
             at, laid, used = _paint_cells(
-                scene, brush, capacity, at, end, ahead, at - begin, strokes.points, strokes.counts, strokes.colours,
+                scene, brush, capacity, at, end, ahead, begin, strokes.points, strokes.counts, strokes.colours,
                 laid, used,
             )  # fmt: skip
             if at < end:
-                strokes.grow(room, room)
+                strokes.grow(room)
         tell(end, len(order), laid)
     return strokes.trimmed(laid, used)
 
@@ -204,8 +204,9 @@ class _TraceAhead:
         return future.result()
 
 
-def _brush(preset: Preset, layer: LayerPreset) -> _Brush:
-    return _Brush(
+def layer_brush(preset: Preset, layer: LayerPreset) -> Brush:
+    """The brush of a layer of a preset whose lengths are in pixels."""
+    return Brush(
         width=layer.width,
         length=layer.length,
         min_length=layer.min_length,
@@ -230,7 +231,7 @@ def _cell_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
     return np.random.default_rng(seeds).permutation(cells)
 
 
-def _trace_batch(scene: _Scene, brush: _Brush, begin: int, batch: int, capacity: int) -> _Ahead:
+def _trace_batch(scene: _Scene, brush: Brush, begin: int, batch: int, capacity: int) -> _Ahead:
     """Trace a batch of cells ahead of their turn, as far as its room goes."""
     ahead = _nothing_ahead(batch, 12 * capacity + AHEAD_POINTS_PER_CELL * batch)
     _trace_cells(scene, brush, capacity, begin, min(begin + batch, len(scene.order)), ahead)
@@ -262,7 +263,7 @@ def _cell_distance(scene: _Scene, cell: int, photo_gain: float) -> tuple[float, 
 @kernel
 def _trace_stroke(
     scene: _Scene,
-    brush: _Brush,
+    brush: Brush,
     x: float,
     y: float,
     tract: NDArray[np.float64],
@@ -287,7 +288,7 @@ def _trace_stroke(
 
 
 @kernel
-def _trace_cells(scene: _Scene, brush: _Brush, capacity: int, begin: int, end: int, ahead: _Ahead) -> None:
+def _trace_cells(scene: _Scene, brush: Brush, capacity: int, begin: int, end: int, ahead: _Ahead) -> None:
     """Trace the cells order[begin:end] that would be tried if it were their turn now."""
     tract, vertices = np.empty((capacity, 2)), np.empty((capacity, 2))
     used = 0
@@ -304,12 +305,12 @@ def _trace_cells(scene: _Scene, brush: _Brush, capacity: int, begin: int, end: i
 @kernel
 def _paint_cells(
     scene: _Scene,
-    brush: _Brush,
+    brush: Brush,
     capacity: int,
     at: int,
     end: int,
     ahead: _Ahead,
-    offset: int,
+    begin: int,
     points: NDArray[np.float64],
     counts: NDArray[np.int64],
     colours: NDArray[np.uint32],
@@ -318,7 +319,7 @@ def _paint_cells(
 ) -> tuple[int, int, int]:
     """Try the cells order[at:end]; return (next cell, strokes laid, points used).
 
-    ahead.…[offset] is the cell order[at]. Stops before a cell whose stroke might not fit into the
+    ahead.…[0] is the cell order[begin]. Stops before a cell whose stroke might not fit into the
     columns, for the caller to enlarge them.
     """
     tract, vertices, own = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2))
@@ -326,12 +327,12 @@ def _paint_cells(
         if used + 4 * capacity > len(points) or laid + capacity > len(counts):
             return at, laid, used
         distance, x, y = _cell_distance(scene, scene.order[at], brush.photo_gain)
+        traced = at - begin
         at += 1
-        offset += 1
         if not distance > brush.threshold:  # NaN, of an empty cell, is not
             continue
-        chain, first = ahead.points, ahead.first[offset - 1]
-        pieces, colour = ahead.pieces[offset - 1], ahead.colours[offset - 1]
+        chain, first = ahead.points, ahead.first[traced]
+        pieces, colour = ahead.pieces[traced], ahead.colours[traced]
         if pieces < 0:
             chain, first = own, 0
             pieces, colour = _trace_stroke(scene, brush, x, y, tract, vertices, own, 0)

@@ -24,7 +24,7 @@ from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, load_photo
-from strokeplan.painting import LayerStrokes, Workers, paint_layer
+from strokeplan.painting import LayerStrokes, Workers, layer_brush, paint_layer
 from strokeplan.presets import LayerPreset, Preset, load_preset
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.tractography import track
@@ -153,15 +153,16 @@ def layer_tract(field: OrientationField, preset: Preset, number: int, seed: tupl
     if not (0 <= seed[0] <= field.width and 0 <= seed[1] <= field.height):
         raise InputError(f"the point {seed[0]:g},{seed[1]:g} is outside the photo of {field.width} × {field.height}")
     resolved = preset.for_photo(field.width, field.height)
+    brush = layer_brush(resolved, _layer(resolved, number))
     return track(
         field,
         seed,
-        max_length=_layer(resolved, number).length,
-        min_coherence=resolved.coherence,
-        tolerance=resolved.step_tolerance,
-        max_step=resolved.max_step,
-        both_ways=resolved.directions == "both",
-        aligned=resolved.interpolation == "aligned",
+        max_length=brush.length,
+        min_coherence=brush.coherence,
+        tolerance=brush.step_tolerance,
+        max_step=brush.max_step,
+        both_ways=brush.both_ways,
+        aligned=brush.aligned,
     )
 
 

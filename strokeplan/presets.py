@@ -164,6 +164,11 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
     return settings
 
 
+def style(preset: str | PathLike[str], assignments: list[str] | None) -> Preset:
+    """A preset as the command line gives it: by name or file, with KEY=VALUE changes."""
+    return load_preset(preset).override(parse_assignments(assignments or []))
+
+
 _NOT_TOML = (msgspec.DecodeError, ValueError, RecursionError)
 """What the parser raises; the latter two for bytes that are not UTF-8, endless numbers, endless nesting."""
 
@@ -192,25 +197,22 @@ def _from_builtins(raw: Any, where: str) -> Preset:
 def _assign(raw: dict[str, Any], key: str, value: Any) -> None:
     *parents, last = key.split(".")
     node: Any = raw
-    for step in (*parents, None):
-        if isinstance(node, list):
-            label = last if step is None else step
-            if not label.isdecimal() or not 1 <= int(label) <= len(node):
-                raise PresetError(f"{key}: there is no layer {label!r}; layers are numbered 1 to {len(node)}")
-            if step is None:
-                node[int(label) - 1] = value
-                return
-            node = node[int(label) - 1]
-        elif isinstance(node, dict):
-            label = last if step is None else step
-            if label not in node:
-                raise PresetError(f"{key}: unknown key {label!r}; known are {', '.join(node)}")
-            if step is None:
-                node[label] = value
-                return
-            node = node[label]
-        else:
-            raise PresetError(f"{key}: a value has no parts")
+    for label in parents:
+        node = node[_index(node, label, key)]
+    node[_index(node, last, key)] = value
+
+
+def _index(node: Any, label: str, key: str) -> str | int:
+    """What one part of a dotted key stands for in the list or table that it leads into."""
+    if isinstance(node, list):
+        if not label.isdecimal() or not 1 <= int(label) <= len(node):
+            raise PresetError(f"{key}: there is no layer {label!r}; layers are numbered 1 to {len(node)}")
+        return int(label) - 1
+    if not isinstance(node, dict):
+        raise PresetError(f"{key}: a value has no parts")
+    if label not in node:
+        raise PresetError(f"{key}: unknown key {label!r}; known are {', '.join(node)}")
+    return label
 
 
 def _readable(message: str, raw: Any) -> str:

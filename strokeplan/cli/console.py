@@ -58,6 +58,11 @@ def compile_kernels() -> None:
         compiler.join()
 
 
+def echo_written(*paths: Path) -> None:
+    """Say which files there are now, and how large."""
+    typer.echo("wrote " + ", ".join(map(file_line, paths)))
+
+
 def file_line(path: Path) -> str:
     """ "photo.svg (1.2 MB)"."""
     return f"{path} ({size_text(path.stat().st_size)})"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli.console import file_line
+from strokeplan.cli.console import echo_written, file_line
 from strokeplan.cli.options import ImageArgument, OutputsOption, PlanArgument
 
 
@@ -34,7 +34,7 @@ def export(plan: PlanArgument, output: OutputsOption) -> None:
     for path in output:
         formats.check_target(path)
     formats.save_all(formats.load(plan), output)
-    typer.echo("wrote " + ", ".join(file_line(path) for path in output))
+    echo_written(*output)
 
 
 def info(plan: PlanArgument) -> None:

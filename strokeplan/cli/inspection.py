@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli.console import compile_kernels, file_line, planning_bar
+from strokeplan.cli.console import compile_kernels, echo_written, planning_bar
 from strokeplan.cli.options import ImageArgument, PresetOption, QuietOption, SeedOption, SetOption
 
 
@@ -30,14 +30,13 @@ def inspect(
     compare: Annotated[bool, typer.Option("--compare", help="Also gradient beside tensor strokes (Figure 3).")] = False,
 ) -> None:
     """Draw orientation, coherence and one tract of a photo, as the paper's Figures 2 and 3."""
-    from strokeplan import figures, formats, rendering
+    from strokeplan import figures, formats, presets, rendering
     from strokeplan.image import load_photo
     from strokeplan.planner import layer_field, layer_tract, plan
-    from strokeplan.presets import load_preset, parse_assignments
 
     rendering.require_cairo()
     formats.check_folder(output)
-    style = load_preset(preset).override(parse_assignments(settings or []))
+    style = presets.style(preset, settings)
     photo = load_photo(image)
     compile_kernels()
     field = layer_field(photo, style, layer)
@@ -54,7 +53,7 @@ def inspect(
     output.mkdir(parents=True, exist_ok=True)
     for name, picture in pictures.items():
         formats.write(output / name, rendering.encode_png(picture))
-        typer.echo(f"wrote {file_line(output / name)}")
+        echo_written(output / name)
 
 
 def montage(
@@ -69,14 +68,13 @@ def montage(
     quiet: QuietOption = False,
 ) -> None:
     """Plan many photos and show them on one sheet, as the paper shows its datasets."""
-    from strokeplan import figures, formats, rendering
+    from strokeplan import figures, formats, presets, rendering
     from strokeplan.image import load_photo, photo_files
     from strokeplan.planner import plan
-    from strokeplan.presets import load_preset, parse_assignments
 
     paths = photo_files(images)
     formats.check_picture(output, *paths)
-    style = load_preset(preset).override(parse_assignments(settings or []))
+    style = presets.style(preset, settings)
     figures.check_montage(columns, tile)
     compile_kernels()
     pictures = []
@@ -93,7 +91,7 @@ def montage(
         if not quiet:
             typer.echo(f"{path.name}: {len(strokes):,} strokes", err=True)
     formats.write(output, rendering.encode_png(figures.montage(pictures, columns=columns)))
-    typer.echo(f"wrote {file_line(output)}")
+    echo_written(output)
 
 
 def _parse_point(text: str) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from strokeplan.cli.console import compile_kernels, file_line, planning_bar
+from strokeplan.cli.console import compile_kernels, echo_written, planning_bar
 from strokeplan.cli.options import (
     ImageArgument,
     OrientationOption,
@@ -41,7 +41,7 @@ def plan(
 
     for path in output:
         formats.check_target(path, image)
-    style = presets.load_preset(preset).override(presets.parse_assignments(settings or []))
+    style = presets.style(preset, settings)
     reading = perf_counter()
     photo = load_photo(image)
     read = perf_counter() - reading
@@ -68,7 +68,7 @@ def plan(
             "total": perf_counter() - begin,
         }
         typer.echo(_summary(strokes, reports[0].error, seconds))
-        typer.echo("wrote " + ", ".join(file_line(path) for path in output))
+        echo_written(*output)
 
 
 def _summary(plan: StrokePlan, error: float, seconds: dict[str, float]) -> str:
