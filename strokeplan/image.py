@@ -57,6 +57,15 @@ def load_photo(path: str | os.PathLike[str], *, max_megapixels: float = MAX_MEGA
     colour is cut to 8 bits with a StrokeplanWarning. Raises ImageError.
     """
     path = Path(path)
+    image, data = decode_file(path, max_megapixels)
+    rgb = np.asarray(_over_paper(image))
+    # A name in another encoding than the system's cannot be written to a strokes file.
+    name = os.fsencode(path.name).decode(errors="replace")
+    return Photo(rgb, name, hashlib.sha256(data).hexdigest())
+
+
+def decode_file(path: Path, max_megapixels: float = MAX_MEGAPIXELS) -> tuple[Image.Image, bytes]:
+    """The picture in a file, upright, as RGB or RGBA in sRGB, and the bytes of the file. Raises ImageError."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -68,12 +77,9 @@ def load_photo(path: str | os.PathLike[str], *, max_megapixels: float = MAX_MEGA
     if not data:
         raise ImageError(f"{path}: the file is empty")
     try:
-        rgb = _decode(data, max_megapixels)
+        return _decode(data, max_megapixels), data
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
-    # A name in another encoding than the system's cannot be written to a strokes file.
-    name = os.fsencode(path.name).decode(errors="replace")
-    return Photo(rgb, name, hashlib.sha256(data).hexdigest())
 
 
 def photo_files(paths: Sequence[Path]) -> list[Path]:
@@ -121,7 +127,7 @@ def grey(rgb: NDArray[np.uint8], weights: tuple[float, float, float] = LUMA) -> 
     return total
 
 
-def _decode(data: bytes, max_megapixels: float) -> NDArray[np.uint8]:
+def _decode(data: bytes, max_megapixels: float) -> Image.Image:
     with warnings.catch_warnings():
         # Pillow's own bomb check warns at half of its limit; its other warnings are about metadata.
         warnings.simplefilter("ignore")
@@ -144,7 +150,7 @@ def _decode(data: bytes, max_megapixels: float) -> NDArray[np.uint8]:
             raise ImageError(f"is damaged or cut short ({_first_line(error)})") from None
     if deep and image.mode in ("RGB", "RGBA"):
         warnings.warn("16-bit colour is cut to 8 bits a channel", StrokeplanWarning, stacklevel=2)
-    return np.asarray(_over_paper(_to_srgb(image)))
+    return _to_srgb(image)
 
 
 def _check_size(width: int, height: int, max_megapixels: float) -> None:
