@@ -106,13 +106,13 @@ def importance_map(rgb: NDArray[np.uint8], *, mask: NDArray[Any] | None = None, 
     for cue in use:
         if cue not in CUES:
             raise InputError(f'importance "{cue}" is not known; known are {", ".join(CUES)}')
-    small = _working_copy(rgb, WORKING_SIDE)
-    importance = np.full(small.shape[:2], NEUTRAL, np.float32)
+    shape = _working_shape(rgb, WORKING_SIDE)
+    importance = np.full(shape, NEUTRAL, np.float32)
     if "saliency" in use:
-        seen = _saliency(small)
+        seen = _saliency(_working_copy(rgb, WORKING_SIDE))
         importance = _clipped(NEUTRAL + seen - seen.mean())
     if "faces" in use:
-        importance += (1 - importance) * _face_map(rgb, small.shape[:2])
+        importance += (1 - importance) * _face_map(rgb, shape)
     return _resized(importance, rgb.shape[:2])
 
 
@@ -122,7 +122,7 @@ def faces(rgb: NDArray[np.uint8]) -> Map:
     Found by scikit-image's cascade of local binary patterns (Liao et al. 2007); eyes and mouth are put where
     a face in the cascade's window has them.
     """
-    return _resized(_face_map(rgb, _working_copy(rgb, WORKING_SIDE).shape[:2]), rgb.shape[:2])
+    return _resized(_face_map(rgb, _working_shape(rgb, WORKING_SIDE)), rgb.shape[:2])
 
 
 def saliency(rgb: NDArray[np.uint8]) -> Map:
@@ -156,13 +156,19 @@ def segments(rgb: NDArray[np.uint8], count: int) -> NDArray[np.int32]:
     return np.array(Image.fromarray(labels).resize(size, Image.Resampling.NEAREST))
 
 
+def _working_shape(rgb: NDArray[np.uint8], side: int) -> tuple[int, int]:
+    """Height and width of the photo reduced to a longer side of at most `side`."""
+    height, width = rgb.shape[:2]
+    scale = min(side / max(height, width), 1)
+    return max(round(height * scale), 1), max(round(width * scale), 1)
+
+
 def _working_copy(rgb: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """The photo reduced to a longer side of at most `side`, by means of its pixels."""
-    scale = side / max(rgb.shape[:2])
-    if scale >= 1:
+    """The photo at that shape, by means of its pixels."""
+    height, width = _working_shape(rgb, side)
+    if (height, width) == rgb.shape[:2]:
         return rgb
-    size = (max(round(rgb.shape[1] * scale), 1), max(round(rgb.shape[0] * scale), 1))
-    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.BOX))
+    return np.asarray(Image.fromarray(rgb).resize((width, height), Image.Resampling.BOX))
 
 
 def _resized(values: Map, shape: tuple[int, ...]) -> Map:
