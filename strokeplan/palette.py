@@ -40,7 +40,7 @@ CANDIDATES = 32
 """A larger palette is compared in part. One colour in a thousand then misses its nearest, by 1 or 2 units at most."""
 COMPARE_BLOCK = 8192
 """Colours compared with a palette at once: 2 MB for each of some twenty terms."""
-GAMUT_TOLERANCE = 0.05
+GAMUT_TOLERANCE = 0.02
 """A colour is in sRGB's gamut if going there and back moves it by less than this in L*a*b*; 1 is barely seen."""
 GAMUT_HALVINGS = 10
 """Chroma at the gamut's edge is found to this many bits."""
