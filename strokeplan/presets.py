@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta, Struct
 
+from strokeplan.color_settings import HexColor
 from strokeplan.errors import PresetError
 
 MAX_LENGTH = 1e5
@@ -25,7 +26,6 @@ MAX_FILTER = 1e3
 """These two filters run at the scale of the layer, which may be the photo's: time grows with them."""
 Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
 PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
-HexColor = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$", max_length=7)]  # "$" alone would let a newline follow
 
 
 class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
