@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isfinite
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, Literal
 
@@ -102,6 +102,8 @@ class StrokePlan:
     source         the photo, if there was one.
     pressures      (q,) float64 or None: a value in 0…1 for every on-curve point, stroke after stroke;
                    NaN throughout a stroke that has none.
+    angles         likewise: radians in [0, π), the direction of the brush's long axis (0 along x, π/2
+                   along y, downwards). A brush has no head, so half a turn is all there is.
     pens           (n,) of str or None each, or None if no stroke names a pen.
     """
 
@@ -116,6 +118,7 @@ class StrokePlan:
     settings: dict[str, Any] = field(default_factory=dict)
     source: Source | None = None
     pressures: NDArray[np.float64] | None = None
+    angles: NDArray[np.float64] | None = None
     pens: tuple[str | None, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -144,12 +147,16 @@ class StrokePlan:
         if self.pens is not None and len(self.pens) != n:
             raise ValueError(f"{len(self.pens)} pens for {n} strokes")
         if self.pressures is not None:
-            _check_column("pressures", self.pressures, (int(self.knots.sum()),), np.float64)
-            none = np.isnan(self.pressures)
-            first = np.cumsum(self.knots) - self.knots
-            ranged = none | ((self.pressures >= 0) & (self.pressures <= 1))
-            if not np.all(ranged) or np.any(none != np.repeat(none[first], self.knots)):
-                raise ValueError("the pressures of a stroke lie in 0..1, or are all NaN")
+            self._check_along("pressures", self.pressures, self.pressures <= 1, "0..1")
+        if self.angles is not None:
+            self._check_along("angles", self.angles, self.angles < pi, "0..π, π itself excluded")
+
+    def _check_along(self, name: str, values: NDArray[np.float64], below: NDArray[np.bool_], span: str) -> None:
+        _check_column(name, values, (int(self.knots.sum()),), np.float64)
+        none = np.isnan(values)
+        first = np.cumsum(self.knots) - self.knots
+        if not np.all(none | ((values >= 0) & below)) or np.any(none != np.repeat(none[first], self.knots)):
+            raise ValueError(f"the {name} of a stroke lie in {span}, or are all NaN")
 
     def __len__(self) -> int:
         return len(self.widths)
