@@ -154,8 +154,8 @@ class StrokePlan:
     def _check_along(self, name: str, values: NDArray[np.float64], below: NDArray[np.bool_], span: str) -> None:
         _check_column(name, values, (int(self.knots.sum()),), np.float64)
         none = np.isnan(values)
-        first = np.cumsum(self.knots) - self.knots
-        if not np.all(none | ((values >= 0) & below)) or np.any(none != np.repeat(none[first], self.knots)):
+        mixed = none != np.repeat(none[self.first_knots[:-1]], self.knots)
+        if np.any(mixed) or not np.all(none | ((values >= 0) & below)):
             raise ValueError(f"the {name} of a stroke lie in {span}, or are all NaN")
 
     def __len__(self) -> int:
@@ -184,6 +184,25 @@ class StrokePlan:
         """The (3k + 1, 2) chain of stroke i; counted from the end if i is negative."""
         i = range(len(self))[i]
         return self.points[self.starts[i] : self.starts[i + 1]]
+
+    @cached_property
+    def first_knots(self) -> NDArray[np.int64]:
+        """(n + 1,): the values of stroke i stand at first_knots[i] … first_knots[i + 1] − 1 of pressures and angles."""
+        return (self.starts + 2 * np.arange(len(self) + 1)) // 3
+
+    @cached_property
+    def has_pressure(self) -> NDArray[np.bool_]:
+        """(n,) whether a stroke has pressure."""
+        if self.pressures is None:
+            return np.zeros(len(self), np.bool_)
+        return ~np.isnan(self.pressures[self.first_knots[:-1]])
+
+    def radii(self, i: int) -> NDArray[np.float64]:
+        """(k + 1,) half the width that stroke i is painted with at its on-curve points."""
+        i = range(len(self))[i]
+        first, last = self.first_knots[i : i + 2]
+        pressure = self.pressures[first:last] if self.pressures is not None and self.has_pressure[i] else 1.0
+        return np.full(last - first, 0.5 * self.widths[i]) * pressure
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         return (self.stroke(i) for i in range(len(self)))
