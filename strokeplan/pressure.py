@@ -10,8 +10,8 @@ Pressure is full·strength + (1 − strength), and full lies between FLOOR and 1
     bend      1 / (1 + (κ · width / 2)²): a bend as tight as the brush is wide is painted half as hard
     sureness  LIGHT + (1 − LIGHT) · coherence: where the structure is clear the hand is sure
 
-Curvature κ and coherence are those a brush can feel: κ is the turn between two neighbouring stretches of
-half a width each, coherence the mean over one width of path.
+A hand feels the path over the width of its brush: κ is measured as the turn between the stretches of
+FEEL · width before and after a point, and bend · sureness is averaged over both.
 
 The angle is that of a flat brush that is dragged: its tip follows the handle LAG · width behind (a
 tractrix), and its long axis lies across the line from tip to handle. So on a gentle curve the brush is
@@ -42,15 +42,17 @@ TAPER = 1.0
 """Length of a taper in widths of the brush."""
 LIGHT = 0.5
 """Sureness where there is no coherence at all."""
+FEEL = 1.0
+"""How far a brush feels the path before and behind it, in its widths."""
 LAG = 0.5
 """Distance from a brush's handle to its tip, in widths of the brush."""
-PRESSURE_TOLERANCE = 0.02
+PRESSURE_TOLERANCE = 0.03
 """Between on-curve points pressure differs from its estimate by this at most …"""
 ANGLE_TOLERANCE = 0.2
 """… and the angle by this, in radians;"""
 MAX_TURN = 1.2
 """two neighbouring angles differ by less than a quarter turn, so that it is plain which way round it goes."""
-STEPS_PER_WIDTH = 16
+STEPS_PER_WIDTH = 8
 """A stroke is measured at this many points a width, …"""
 MIN_STEPS, MAX_STEPS = 32, 4096
 """… but at this many in all at least, and at about this many at most."""
@@ -191,22 +193,24 @@ def _pressures(
     length = s[n - 1]
     taper = min(TAPER * width, 0.5 * length)
     depth = taper / (TAPER * width)
-    half = min(0.5 * width, 0.5 * length)
-    coherence, so_far = np.empty(n), np.zeros(n)  # at each point, and its integral up to there
+    reach = min(FEEL * width, 0.5 * length)
+    force, so_far = np.empty(n), np.zeros(n)  # at each point, and its integral up to there
     for j in range(n):
-        coherence[j] = sample(samples, scale, True, path[j, 0], path[j, 1], 1.0, 0.0)[2]
+        coherence = sample(samples, scale, True, path[j, 0], path[j, 1], 1.0, 0.0)[2]
+        force[j] = LIGHT + (1.0 - LIGHT) * coherence
+        if length > 0.0:
+            turn = _turn(path, s, min(max(s[j], reach), length - reach), reach)
+            force[j] /= 1.0 + (0.5 * width * turn / reach) ** 2
         if j > 0:
-            so_far[j] = so_far[j - 1] + 0.5 * (coherence[j - 1] + coherence[j]) * (s[j] - s[j - 1])
+            so_far[j] = so_far[j - 1] + 0.5 * (force[j - 1] + force[j]) * (s[j] - s[j - 1])
     pressure = np.empty(n)
     for j in range(n):
-        full = LIGHT + (1.0 - LIGHT) * coherence[j]
+        full = force[j]
         if length > 0.0:
-            low, high = max(s[j] - half, 0.0), min(s[j] + half, length)
-            mean = (_lookup(so_far, s, high) - _lookup(so_far, s, low)) / (high - low)
+            low, high = max(s[j] - reach, 0.0), min(s[j] + reach, length)
             x = min(min(s[j], length - s[j]) / taper, 1.0)
-            turn = _turn(path, s, min(max(s[j], half), length - half), half)
-            bend = 0.5 * width * turn / half
-            full = (LIGHT + (1.0 - LIGHT) * mean) * (1.0 - depth * (1.0 - x) ** 2) / (1.0 + bend * bend)
+            full = (_lookup(so_far, s, high) - _lookup(so_far, s, low)) / (high - low)
+            full *= 1.0 - depth * (1.0 - x) ** 2
         full = FLOOR + (1.0 - FLOOR) * full
         pressure[j] = min(max(1.0 - strength * (1.0 - full), 0.0), 1.0)
     return pressure

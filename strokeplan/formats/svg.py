@@ -30,7 +30,7 @@ DECIMALS = 2
 """Coordinates are written to 1/100 of a pixel of the photo, which is what the planner gives …"""
 DIGITS = 5
 """… and on a small canvas to more: this many digits for its longer side."""
-OUTLINE_STEPS = 5
+OUTLINE_STEPS = 10
 """The outline of a stroke with pressure is written to within this many steps of that grid."""
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
