@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isfinite
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, Literal
 
@@ -102,6 +102,8 @@ class StrokePlan:
     source         the photo, if there was one.
     pressures      (q,) float64 or None: a value in 0…1 for every on-curve point, stroke after stroke;
                    NaN throughout a stroke that has none.
+    angles         likewise: radians in [0, π), the direction of the brush's long axis (0 along x, π/2
+                   along y, downwards). A brush has no head, so half a turn is all there is.
     pens           (n,) of str or None each, or None if no stroke names a pen.
     """
 
@@ -116,6 +118,7 @@ class StrokePlan:
     settings: dict[str, Any] = field(default_factory=dict)
     source: Source | None = None
     pressures: NDArray[np.float64] | None = None
+    angles: NDArray[np.float64] | None = None
     pens: tuple[str | None, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -144,12 +147,16 @@ class StrokePlan:
         if self.pens is not None and len(self.pens) != n:
             raise ValueError(f"{len(self.pens)} pens for {n} strokes")
         if self.pressures is not None:
-            _check_column("pressures", self.pressures, (int(self.knots.sum()),), np.float64)
-            none = np.isnan(self.pressures)
-            first = np.cumsum(self.knots) - self.knots
-            ranged = none | ((self.pressures >= 0) & (self.pressures <= 1))
-            if not np.all(ranged) or np.any(none != np.repeat(none[first], self.knots)):
-                raise ValueError("the pressures of a stroke lie in 0..1, or are all NaN")
+            self._check_along("pressures", self.pressures, self.pressures <= 1, "0..1")
+        if self.angles is not None:
+            self._check_along("angles", self.angles, self.angles < pi, "0..π, π itself excluded")
+
+    def _check_along(self, name: str, values: NDArray[np.float64], below: NDArray[np.bool_], span: str) -> None:
+        _check_column(name, values, (int(self.knots.sum()),), np.float64)
+        none = np.isnan(values)
+        mixed = none != np.repeat(none[self.first_knots[:-1]], self.knots)
+        if np.any(mixed) or not np.all(none | ((values >= 0) & below)):
+            raise ValueError(f"the {name} of a stroke lie in {span}, or are all NaN")
 
     def __len__(self) -> int:
         return len(self.widths)
@@ -177,6 +184,25 @@ class StrokePlan:
         """The (3k + 1, 2) chain of stroke i; counted from the end if i is negative."""
         i = range(len(self))[i]
         return self.points[self.starts[i] : self.starts[i + 1]]
+
+    @cached_property
+    def first_knots(self) -> NDArray[np.int64]:
+        """(n + 1,): the values of stroke i stand at first_knots[i] … first_knots[i + 1] − 1 of pressures and angles."""
+        return (self.starts + 2 * np.arange(len(self) + 1)) // 3
+
+    @cached_property
+    def has_pressure(self) -> NDArray[np.bool_]:
+        """(n,) whether a stroke has pressure."""
+        if self.pressures is None:
+            return np.zeros(len(self), np.bool_)
+        return ~np.isnan(self.pressures[self.first_knots[:-1]])
+
+    def radii(self, i: int) -> NDArray[np.float64]:
+        """(k + 1,) half the width that stroke i is painted with at its on-curve points."""
+        i = range(len(self))[i]
+        first, last = self.first_knots[i : i + 2]
+        pressure = self.pressures[first:last] if self.pressures is not None and self.has_pressure[i] else 1.0
+        return np.full(last - first, 0.5 * self.widths[i]) * pressure
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         return (self.stroke(i) for i in range(len(self)))

@@ -78,6 +78,10 @@ def empty(*layers: Layer) -> StrokePlan:
         ({"pressures": np.ones(4)}, r"pressures must be \(5,\) float64, not \(4,\) float64"),
         ({"pressures": np.array([0, 1, 0, 0.5, 1.5])}, "pressures of a stroke lie in 0..1"),
         ({"pressures": np.array([0, 1, 0, 0.5, np.nan])}, "pressures of a stroke lie in 0..1, or are all NaN"),
+        ({"angles": np.ones(4)}, r"angles must be \(5,\) float64, not \(4,\) float64"),
+        ({"angles": np.array([0, 1, 0, 0.5, np.pi])}, "angles of a stroke lie in 0..π, π itself excluded, or are all"),
+        ({"angles": np.array([0, -0.1, 0, 0.5, 1])}, "angles of a stroke lie in 0..π"),
+        ({"angles": np.array([0, np.nan, 0, 0.5, 1])}, "angles of a stroke lie in 0..π"),
         ({"settings": {"a": {1, 2}}}, r"\{1, 2\} is no JSON value"),
         ({"settings": {"a": [float("nan")]}}, "nan is no JSON value"),
     ],
@@ -93,9 +97,10 @@ def test_a_source_without_a_size_is_refused(size: tuple[int, int]) -> None:
         Source("a.jpg", "", *size)
 
 
-def test_pressures_may_be_given_for_some_strokes() -> None:
-    plan = two_strokes(pressures=np.array([np.nan, np.nan, 0, 0.5, 1]))
+def test_pressures_and_angles_may_be_given_for_some_strokes() -> None:
+    plan = two_strokes(pressures=np.array([np.nan, np.nan, 0, 0.5, 1]), angles=np.array([0, 3.1, *[np.nan] * 3]))
     assert plan.pressures is not None
+    assert plan.angles is not None
 
 
 def test_settings_are_what_json_keeps() -> None:
@@ -174,7 +179,7 @@ def test_colours_are_hex_and_back() -> None:
 EMPTY = [
     empty(),
     empty(Layer("1", 0, 0), Layer("2", 0, 0)),
-    replace(empty(), pressures=np.empty(0), pens=()),
+    replace(empty(), pressures=np.empty(0), angles=np.empty(0), pens=()),
 ]
 
 

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, islice
+from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -43,6 +44,7 @@ Color = Annotated[str, Meta(pattern="^#[0-9a-fA-F]{6}$", max_length=7)]  # "$" a
 Coordinate = Annotated[float, Meta(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Extent = Annotated[float, Meta(ge=MIN_SIZE, le=MAX_SIZE)]
 Pressure = Annotated[float, Meta(ge=0, le=1)]
+Angle = Annotated[float, Meta(ge=0, lt=pi)]
 Pixels = Annotated[int, Meta(ge=1, le=10**6)]
 
 
@@ -53,6 +55,7 @@ class StrokeFile(Struct, forbid_unknown_fields=True, omit_defaults=True, gc=Fals
     width: Annotated[float, Meta(gt=0, le=MAX_SIZE, description="in the unit of the coordinates")]
     color: Color
     pressure: Annotated[list[Pressure], Meta(description="one value per on-curve point")] | UnsetType = UNSET
+    angle: Annotated[list[Angle], Meta(description="radians, one value per on-curve point")] | UnsetType = UNSET
     pen: str | UnsetType = UNSET
 
 
@@ -131,7 +134,10 @@ def _to_file(plan: StrokePlan) -> PlanFile:
         StrokeFile(flat[first:last], width, color)
         for first, last, width, color in zip(ends, islice(ends, 1, None), widths, colors, strict=False)
     ]
-    _set_pressures(plan, strokes)
+    for stroke, values in _along(plan, plan.pressures, strokes):
+        stroke.pressure = values
+    for stroke, values in _along(plan, plan.angles, strokes):
+        stroke.angle = values
     if plan.pens is not None:
         for stroke, pen in zip(strokes, plan.pens, strict=True):
             stroke.pen = UNSET if pen is None else pen
@@ -222,7 +228,8 @@ def _to_plan(document: PlanFile) -> StrokePlan:
         background=hex_to_rgb(document.canvas.background),
         settings=document.settings,
         source=None if source is None else Source(source.name, source.sha256, source.width, source.height),
-        pressures=_pressures(document, strokes, lengths // 6 + 1),
+        pressures=_column(document, "pressure", [stroke.pressure for stroke in strokes], lengths // 6 + 1),
+        angles=_column(document, "angle", [stroke.angle for stroke in strokes], lengths // 6 + 1),
         pens=_pens(strokes),
     )
 
@@ -239,22 +246,30 @@ def _refuse(document: PlanFile, bad: NDArray[np.bool_], key: str, reason: Any) -
         index -= len(layer.strokes)
 
 
-def _set_pressures(plan: StrokePlan, strokes: list[StrokeFile]) -> None:
-    if plan.pressures is None:
+def _along(
+    plan: StrokePlan, column: NDArray[np.float64] | None, strokes: list[StrokeFile]
+) -> Iterator[tuple[StrokeFile, list[float]]]:
+    """The strokes that have values in a column of on-curve points, with these values."""
+    if column is None:
         return
-    parts = np.split(plan.pressures, np.cumsum(plan.knots))  # and nothing after the last stroke
+    parts = np.split(column, np.cumsum(plan.knots))  # and nothing after the last stroke
     for stroke, values in zip(strokes, parts, strict=False):
         if not np.isnan(values[0]):
-            stroke.pressure = values.tolist()
+            yield stroke, values.tolist()
 
 
-def _pressures(document: PlanFile, strokes: list[StrokeFile], knots: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    if all(stroke.pressure is UNSET for stroke in strokes):
+def _column(
+    document: PlanFile, key: str, given: list[list[float] | UnsetType], knots: NDArray[np.int64]
+) -> NDArray[np.float64] | None:
+    """The values of all strokes at their on-curve points, NaN for a stroke that has none; None if none has."""
+    if all(values is UNSET for values in given):
         return None
-    given = [None if stroke.pressure is UNSET else stroke.pressure for stroke in strokes]
-    bad = np.array([p is not None and len(p) != n for p, n in zip(given, knots, strict=True)])
-    _refuse(document, bad, "pressure", lambda s: f"has {len(s.pressure)} values; one per on-curve point is wanted")
-    return np.concatenate([np.full(n, np.nan) if p is None else p for p, n in zip(given, knots, strict=True)])
+    lists = [None if isinstance(values, UnsetType) else values for values in given]
+    bad = np.array([values is not None and len(values) != n for values, n in zip(lists, knots, strict=True)])
+    _refuse(document, bad, key, lambda s: f"has {len(getattr(s, key))} values; one per on-curve point is wanted")
+    return np.concatenate(
+        [np.full(n, np.nan) if values is None else values for values, n in zip(lists, knots, strict=True)]
+    )
 
 
 def _pens(strokes: list[StrokeFile]) -> tuple[str | None, ...] | None:

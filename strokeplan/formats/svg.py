@@ -2,7 +2,8 @@
 
 svgwrite builds the document (root, background, title, metadata, the layer groups, which are Inkscape
 layers too); the lines of the paths, by far the most of it, are streamed into the empty groups. Path
-data are relative cubics of numbers rounded on the absolute grid, so that nothing adds up.
+data are relative cubics of numbers rounded on the absolute grid, so that nothing adds up. SVG has no
+strokes of varying width: one with pressure is written as its outline, filled.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from xml.etree.ElementTree import Comment, Element
 import msgspec
 import numpy as np
 import svgwrite
+from numpy.typing import NDArray
 
 from strokeplan.formats.json import hex_colors, paused_gc
+from strokeplan.outlines import outline_curves
 from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -27,6 +30,8 @@ DECIMALS = 2
 """Coordinates are written to 1/100 of a pixel of the photo, which is what the planner gives …"""
 DIGITS = 5
 """… and on a small canvas to more: this many digits for its longer side."""
+OUTLINE_STEPS = 10
+"""The outline of a stroke with pressure is written to within this many steps of that grid."""
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -81,10 +86,11 @@ def _group(drawing: svgwrite.Drawing, plan: StrokePlan, layer: Layer, number: in
 def _path_lines(plan: StrokePlan) -> list[bytes]:
     """The path elements of each layer."""
     unit = 10 ** max(DECIMALS, DIGITS - ceil(log10(max(plan.width, plan.height))))
-    grid = np.rint(plan.points * unit).astype(np.int64)
+    points, starts = _with_outlines(plan, OUTLINE_STEPS / unit)
+    grid = np.rint(points * unit).astype(np.int64)
     relative = grid.copy()
     # Every piece counts from its own start: rows 3k of a stroke, repeated for the three rows that follow.
-    within = np.arange(len(grid)) - np.repeat(plan.starts[:-1], plan.counts)
+    within = np.arange(len(grid)) - np.repeat(starts[:-1], np.diff(starts))
     origin = np.arange(len(grid)) - np.where(within == 0, 0, (within - 1) % 3 + 1)
     later = within > 0
     relative[later] -= grid[origin[later]]
@@ -92,11 +98,12 @@ def _path_lines(plan: StrokePlan) -> list[bytes]:
     numbers = msgspec.json.encode((relative.ravel() / unit).tolist())[1:-1].replace(b".0,", b",").split(b",")
     if numbers[-1].endswith(b".0"):
         numbers[-1] = numbers[-1][:-2]
-    ends = (2 * plan.starts).tolist()
+    ends = (2 * starts).tolist()
     colors = [color.encode() for color in hex_colors(plan.colors)]
+    kinds = [(b'fill="%b" stroke="none"', b"z") if filled else (b'stroke="%b"', b"") for filled in plan.has_pressure]
     lines = [
-        b'<path stroke="%b" d="M%b %bc%b"/>' % (color, numbers[a], numbers[a + 1], b" ".join(numbers[a + 2 : b]))
-        for a, b, color in zip(ends, islice(ends, 1, None), colors, strict=False)
+        b'<path %b d="M%b %bc%b%b"/>' % (kind % color, numbers[a], numbers[a + 1], b" ".join(numbers[a + 2 : b]), close)
+        for a, b, color, (kind, close) in zip(ends, islice(ends, 1, None), colors, kinds, strict=False)
     ]
     layers = []
     for layer in plan.layers:
@@ -104,11 +111,26 @@ def _path_lines(plan: StrokePlan) -> list[bytes]:
         widths = plan.widths[layer.first : layer.last]
         if len(np.unique(widths)) > 1:
             own = [
-                line.replace(b" d=", b' stroke-width="%b" d=' % _number(width).encode(), 1)
-                for line, width in zip(own, widths.tolist(), strict=True)
+                line if filled else line.replace(b" d=", b' stroke-width="%b" d=' % _number(width).encode(), 1)
+                for line, width, filled in zip(
+                    own, widths.tolist(), plan.has_pressure[layer.first : layer.last], strict=True
+                )
             ]
         layers.append(b"\n" + b"\n".join(own) + b"\n" if own else b"")
     return layers
+
+
+def _with_outlines(plan: StrokePlan, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points and starts of a plan, with the outline in the place of every stroke with pressure."""
+    if not plan.has_pressure.any():
+        return plan.points, plan.starts
+    chains = list(plan)
+    for layer in plan.layers:
+        for i in (layer.first + np.flatnonzero(plan.has_pressure[layer.first : layer.last])).tolist():
+            curves = outline_curves(chains[i], plan.radii(i), tolerance, round_caps=layer.cap == "round")
+            # A stroke without extent keeps its place among the paths, as a path without area.
+            chains[i] = curves if len(curves) else np.repeat(chains[i][:1], 4, axis=0)
+    return np.concatenate(chains), np.cumsum([0, *(len(chain) for chain in chains)])
 
 
 def _number(value: float) -> str:

@@ -1,4 +1,4 @@
-"""The round brush: every stroke as one stroked path on a Pycairo image surface."""
+"""The round brush on a Pycairo image surface: a stroke is one stroked path, or with pressure one filled outline."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import InputError, MissingExtraError
+from strokeplan.outlines import outline
 from strokeplan.strokes import StrokePlan
 
 MAX_SIDE = 32_767
 """Cairo's image surfaces end here."""
+TOLERANCE_PX = 0.05
+"""By this much, in pixels of the picture, a painted outline may differ from its stroke; Cairo flattens to 0.1."""
 _CHANNELS = [2, 1, 0] if sys.byteorder == "little" else [1, 2, 3]
 """Where R, G, B lie among the four bytes of a Cairo pixel."""
 
@@ -50,8 +53,9 @@ def render(
 def paint(plan: StrokePlan, columns: int, rows: int) -> NDArray[np.uint8]:
     """Paint the plan as a (rows, columns, 3) uint8 picture, stretched to fit if the shapes differ."""
     surface = Surface(columns, rows, plan.background)
-    surface.context.scale(columns / plan.width, rows / plan.height)
-    _paint(surface.context, plan)
+    scales = columns / plan.width, rows / plan.height
+    surface.context.scale(*scales)
+    _paint(surface.context, plan, TOLERANCE_PX / max(scales))
     return surface.picture()
 
 
@@ -128,7 +132,7 @@ def encode_png(picture: NDArray[np.uint8]) -> bytes:
     return stream.getvalue()
 
 
-def _paint(context: Any, plan: StrokePlan) -> None:
+def _paint(context: Any, plan: StrokePlan, tolerance: float) -> None:
     cairo = require_cairo()
     context.set_line_join(cairo.LINE_JOIN_ROUND)
     points = plan.points.tolist()
@@ -136,14 +140,21 @@ def _paint(context: Any, plan: StrokePlan) -> None:
     widths = plan.widths.tolist()
     colors = (plan.colors / 255).tolist()
     move_to, curve_to = context.move_to, context.curve_to
+    pressed = set(np.flatnonzero(plan.has_pressure).tolist())
     for layer in plan.layers:
         context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
         spans = zip(
+            range(layer.first, layer.last),
             islice(starts, layer.first, None), starts[layer.first + 1 : layer.last + 1],
             widths[layer.first : layer.last], colors[layer.first : layer.last], strict=False,
         )  # fmt: skip
-        for first, last, width, color in spans:
+        for i, first, last, width, color in spans:
             context.set_source_rgb(*color)
+            if i in pressed:
+                for x, y in outline(plan.stroke(i), plan.radii(i), tolerance, round_caps=layer.cap == "round").tolist():
+                    context.line_to(x, y)
+                context.fill()
+                continue
             context.set_line_width(width)
             move_to(*points[first])
             for k in range(first + 1, last, 3):

@@ -30,6 +30,7 @@ TINY = StrokePlan(
     settings={"strokeplan": "0", "seed": 7, "preset": {"name": "by hand", "layers": []}},
     source=Source("tiny.png", "00ff" * 16, 20, 10),
     pressures=np.array([np.nan, np.nan, np.nan, np.nan, np.nan, 0.25, 1]),
+    angles=np.array([np.nan, np.nan, np.nan, np.nan, np.nan, 1.5, 0]),
     pens=(None, None, "black"),
 )
 """The plan of golden/tiny.json and golden/tiny.svg."""
@@ -52,7 +53,7 @@ def _json_values() -> st.SearchStrategy[Any]:
 
 @st.composite
 def plans(draw: st.DrawFn) -> StrokePlan:
-    """Any plan: empty layers and no layers, strokes with and without pressure and pen, any text, any size."""
+    """Any plan: empty layers and no layers, strokes with and without pressure, angle and pen, any text, any size."""
     sizes = st.floats(MIN_SIZE, MAX_SIZE)
     layer_lengths = draw(st.lists(st.integers(0, 3), max_size=3))
     ends = accumulate(layer_lengths, initial=0)
@@ -78,7 +79,8 @@ def plans(draw: st.DrawFn) -> StrokePlan:
         background=draw(_colors()),
         settings=draw(st.dictionaries(st.text(), _json_values(), max_size=3)),
         source=draw(st.none() | source),
-        pressures=draw(_pressures([k + 1 for k in pieces])),
+        pressures=draw(_along([k + 1 for k in pieces], st.floats(0, 1))),
+        angles=draw(_along([k + 1 for k in pieces], st.floats(0, np.pi, exclude_max=True))),
         pens=draw(st.none() | st.tuples(*[st.none() | st.text()] * n).filter(any)),
     )
 
@@ -92,9 +94,9 @@ def _colors() -> st.SearchStrategy[tuple[int, int, int]]:
 
 
 @st.composite
-def _pressures(draw: st.DrawFn, knots: list[int]) -> NDArray[np.float64] | None:
-    """Pressures of some of the strokes; None if of none."""
-    strokes = [draw(st.none() | st.lists(st.floats(0, 1), min_size=k, max_size=k)) for k in knots]
+def _along(draw: st.DrawFn, knots: list[int], values: st.SearchStrategy[float]) -> NDArray[np.float64] | None:
+    """Values at the on-curve points of some of the strokes; None if of none."""
+    strokes = [draw(st.none() | st.lists(values, min_size=k, max_size=k)) for k in knots]
     if not any(strokes):
         return None
     return np.concatenate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import re
 import subprocess
 import sys
@@ -100,7 +101,8 @@ def test_optional_fields_have_defaults() -> None:
         b'[{"name": "", "strokes": [{"d": [0,0,1,1,2,1,3,2], "width": 1, "color": "#ABCDEF"}]}]}'
     )
     assert (plan.background, plan.source, plan.settings) == ((255, 255, 255), None, {})
-    assert (plan.pressures, plan.pens, plan.layers) == (None, None, (Layer("", 0, 1, "paint", "round"),))
+    assert (plan.pressures, plan.angles, plan.pens) == (None, None, None)
+    assert plan.layers == (Layer("", 0, 1, "paint", "round"),)
     assert plan.colors.tolist() == [[0xAB, 0xCD, 0xEF]]
 
 
@@ -185,6 +187,9 @@ WRONG: list[tuple[str, Any, str]] = [
     ("layers.1.strokes.0.pressure", None, "Expected `array`, got `null` - at `$.layers[1].strokes[0].pressure`"),
     ("layers.1.strokes.0.pressure.1", 1.5, "`float` <= 1.0 - at `$.layers[1].strokes[0].pressure[1]`"),
     ("layers.1.strokes.0.pressure.1", -0.1, "`float` >= 0.0 - at `$.layers[1].strokes[0].pressure[1]`"),
+    ("layers.1.strokes.0.angle", 1.5, "Expected `array`, got `float` - at `$.layers[1].strokes[0].angle`"),
+    ("layers.1.strokes.0.angle.0", math.pi, "`float` < 3.14159265358"),
+    ("layers.1.strokes.0.angle.1", -0.1, "`float` >= 0.0 - at `$.layers[1].strokes[0].angle[1]`"),
 ]
 
 
@@ -207,12 +212,11 @@ def test_coordinates_that_are_no_chain_of_cubics_are_refused(count: int) -> None
     assert said == f"has {count} numbers; a chain of cubics has 2 + 6k - at `$.layers[0].strokes[1].d`"
 
 
+@pytest.mark.parametrize("key", ["pressure", "angle"])
 @pytest.mark.parametrize("values", [[], [0.5], [0.5] * 3])
-def test_pressure_must_be_given_at_every_on_curve_point(values: list[float]) -> None:
-    said = fault(edited("layers.1.strokes.0.pressure", values))
-    assert said == (
-        f"has {len(values)} values; one per on-curve point is wanted - at `$.layers[1].strokes[0].pressure`"
-    )
+def test_pressure_and_angle_must_be_given_at_every_on_curve_point(key: str, values: list[float]) -> None:
+    said = fault(edited(f"layers.1.strokes.0.{key}", values))
+    assert said == f"has {len(values)} values; one per on-curve point is wanted - at `$.layers[1].strokes[0].{key}`"
 
 
 def test_a_fault_is_counted_within_its_layer() -> None:
