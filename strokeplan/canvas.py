@@ -72,58 +72,92 @@ def paint_chain(
             bx, by = point(chain, c, k / n)
             # Inner joints are round whatever the caps; painted once, as the end of the edge before them.
             round_b = round_cap or k < n or piece < pieces - 1
-            _paint_edge(canvas, ax, ay, bx, by, radius, round_a, round_b, colour)
+            top, bottom = _edge_rows(canvas.shape[0], ay, by, radius)
+            for i in range(top, bottom):
+                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
+                canvas[i, first:last] = colour
             ax, ay, round_a = bx, by, False
 
 
 @kernel
-def _paint_edge(
-    canvas: Packed,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    radius: float,
-    round_a: bool,
-    round_b: bool,
-    colour: np.uint32,
-) -> None:
-    """Paint the rectangle of half width `radius` around a–b and the discs at its ends that are asked for."""
-    rows, cols = canvas.shape
+def footprint(
+    stamp: NDArray[np.int32],
+    mark: int,
+    chain: NDArray[np.float64],
+    at: int,
+    pieces: int,
+    width: float,
+    round_cap: bool,
+    pixels: NDArray[np.int32],
+) -> int:
+    """Write the pixels (row, column) that `paint_chain` would paint to `pixels`, each once; return how many.
+
+    `stamp` is an image of numbers of which none is `mark`; the footprint's pixels get it.
+    """
+    radius = 0.5 * width
+    tolerance = max(FLATTEN_PX, FLATTEN_SHARE * width)
+    ax, ay = chain[at, 0], chain[at, 1]
+    round_a = round_cap
+    count = 0
+    for piece in range(pieces):
+        c = at + 3 * piece
+        n = subdivisions(chain, c, tolerance)
+        for k in range(1, n + 1):
+            bx, by = point(chain, c, k / n)
+            round_b = round_cap or k < n or piece < pieces - 1
+            top, bottom = _edge_rows(stamp.shape[0], ay, by, radius)
+            for i in range(top, bottom):
+                first, last = _edge_span(stamp.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
+                for j in range(first, last):
+                    if stamp[i, j] != mark:
+                        stamp[i, j] = mark
+                        pixels[count, 0], pixels[count, 1] = i, j
+                        count += 1
+            ax, ay, round_a = bx, by, False
+    return count
+
+
+@kernel
+def _edge_rows(rows: int, ay: float, by: float, radius: float) -> tuple[int, int]:
+    """The rows (first, last + 1) of pixels whose centres lie within `radius` of the height of an edge."""
+    top = max(int(np.ceil(min(ay, by) - radius - 0.5)), 0)
+    return top, min(int(np.floor(max(ay, by) + radius - 0.5)) + 1, rows)
+
+
+@kernel
+def _edge_span(
+    cols: int, i: int, ax: float, ay: float, bx: float, by: float, radius: float, round_a: bool, round_b: bool
+) -> tuple[int, int]:
+    """The pixels (first, last + 1) of row i in the rectangle of half width `radius` around a–b, and in the
+    discs at its ends that are asked for."""
     dx, dy = bx - ax, by - ay
     length = np.sqrt(dx * dx + dy * dy)
     if length > 0.0:
         dx, dy = dx / length, dy / length
-    top = max(int(np.ceil(min(ay, by) - radius - 0.5)), 0)
-    bottom = min(int(np.floor(max(ay, by) + radius - 0.5)) + 1, rows)
-    for i in range(top, bottom):
-        y = i + 0.5
-        left, right = 1e30, -1e30
-        if round_a and abs(y - ay) <= radius:
-            half = np.sqrt(radius * radius - (y - ay) ** 2)
-            left, right = min(left, ax - half), max(right, ax + half)
-        if round_b and abs(y - by) <= radius:
-            half = np.sqrt(radius * radius - (y - by) ** 2)
-            left, right = min(left, bx - half), max(right, bx + half)
-        if length > 0.0:
-            # In this row: 0 ≤ along ≤ length and |across| ≤ radius, each a range of x.
-            low, high = -1e30, 1e30
-            along, across = (y - ay) * dy, (y - ay) * dx
-            if dx != 0.0:
-                s, e = ax - along / dx, ax + (length - along) / dx
-                low, high = max(low, min(s, e)), min(high, max(s, e))
-            elif along < 0.0 or along > length:
-                low, high = 1.0, 0.0
-            if dy != 0.0:
-                s, e = ax + (across - radius) / dy, ax + (across + radius) / dy
-                low, high = max(low, min(s, e)), min(high, max(s, e))
-            elif abs(across) > radius:
-                low, high = 1.0, 0.0
-            if low <= high:
-                left, right = min(left, low), max(right, high)
-        if left > right or right < 0.0 or left > cols:
-            continue
-        first = max(int(np.ceil(left - 0.5)), 0)
-        last = min(int(np.floor(right - 0.5)) + 1, cols)
-        for j in range(first, last):
-            canvas[i, j] = colour
+    y = i + 0.5
+    left, right = 1e30, -1e30
+    if round_a and abs(y - ay) <= radius:
+        half = np.sqrt(radius * radius - (y - ay) ** 2)
+        left, right = min(left, ax - half), max(right, ax + half)
+    if round_b and abs(y - by) <= radius:
+        half = np.sqrt(radius * radius - (y - by) ** 2)
+        left, right = min(left, bx - half), max(right, bx + half)
+    if length > 0.0:
+        # In this row: 0 ≤ along ≤ length and |across| ≤ radius, each a range of x.
+        low, high = -1e30, 1e30
+        along, across = (y - ay) * dy, (y - ay) * dx
+        if dx != 0.0:
+            s, e = ax - along / dx, ax + (length - along) / dx
+            low, high = max(low, min(s, e)), min(high, max(s, e))
+        elif along < 0.0 or along > length:
+            low, high = 1.0, 0.0
+        if dy != 0.0:
+            s, e = ax + (across - radius) / dy, ax + (across + radius) / dy
+            low, high = max(low, min(s, e)), min(high, max(s, e))
+        elif abs(across) > radius:
+            low, high = 1.0, 0.0
+        if low <= high:
+            left, right = min(left, low), max(right, high)
+    if left > right or right < 0.0 or left > cols:
+        return 0, 0
+    return max(int(np.ceil(left - 0.5)), 0), min(int(np.floor(right - 0.5)) + 1, cols)

@@ -11,10 +11,10 @@ A cell they guessed wrong costs time and changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel
 from strokeplan.presets import LayerPreset, Preset
 from strokeplan.tractography import trace, tract_capacity
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 BATCHES = 100
 """Parts of a layer between which progress is told, and Ctrl-C heard."""
@@ -38,6 +41,17 @@ class Workers:
 
     executor: Executor | None = None
     count: int = 0
+
+    def run(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """`work` of every item; this thread does what no other has begun."""
+        if self.executor is None:
+            return [work(item) for item in items]
+        futures = [self.executor.submit(work, item) for item in items]
+        results: dict[int, Result] = {}
+        for k in reversed(range(len(items))):  # the threads begin at the front
+            if futures[k].cancel():
+                results[k] = work(items[k])
+        return [results[k] if k in results else future.result() for k, future in enumerate(futures)]
 
 
 class Axis(NamedTuple):
@@ -64,17 +78,21 @@ def cell_axis(size: int, width: float, grid: str = "cells") -> Axis:
 
 @dataclass(slots=True)
 class LayerStrokes:
-    """Strokes of one layer as they come: columns with room to grow, of which the first n are filled."""
+    """The strokes of one layer: points (p, 2), and for each stroke their count, its width and packed colour."""
 
-    width: float
+    points: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    widths: NDArray[np.float64]
+    colours: NDArray[np.uint32]
+
+
+@dataclass(slots=True)
+class _Columns:
+    """Strokes as they come, with room to grow."""
+
     points: NDArray[np.float64]
     counts: NDArray[np.int64]
     colours: NDArray[np.uint32]
-
-    def trimmed(self, strokes: int, points: int) -> LayerStrokes:
-        return LayerStrokes(
-            self.width, self.points[:points].copy(), self.counts[:strokes].copy(), self.colours[:strokes].copy()
-        )
 
     def grow(self, room: int) -> None:
         self.points = _grown(self.points, room)
@@ -153,9 +171,7 @@ def paint_layer(
     scene = _Scene(photo, canvas, field.samples, field.scale, columns, rows, order)
     capacity = tract_capacity(layer.length)
     room = 4 * capacity  # the most points that one tract may add
-    strokes = LayerStrokes(
-        layer.width, np.empty((room + 4096, 2)), np.empty(room + 1024, np.int64), np.empty(room + 1024, np.uint32)
-    )
+    strokes = _Columns(np.empty((room + 4096, 2)), np.empty(room + 1024, np.int64), np.empty(room + 1024, np.uint32))
 
     batch = -(-len(order) // BATCHES)
     traced = _TraceAhead(workers, lambda begin: _trace_batch(scene, brush, begin, batch, capacity))
@@ -172,7 +188,12 @@ def paint_layer(
             if at < end:
                 strokes.grow(room)
         tell(end, len(order), laid)
-    return strokes.trimmed(laid, used)
+    return LayerStrokes(
+        strokes.points[:used].copy(),
+        strokes.counts[:laid].copy(),
+        np.full(laid, layer.width),
+        strokes.colours[:laid].copy(),
+    )
 
 
 class _TraceAhead:

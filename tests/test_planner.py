@@ -60,8 +60,8 @@ def test_growing_columns_and_guessing_wrong_change_nothing(monkeypatch: pytest.M
     monkeypatch.setattr(painting, "BATCHES", 7)
     assert np.array_equal(strokeplan.plan(picture, threads=2).points, expected.points)
     grown: list[int] = []
-    real = painting.LayerStrokes.grow
-    monkeypatch.setattr(painting.LayerStrokes, "grow", lambda self, *room: (grown.append(1), real(self, *room)))
+    real = painting._Columns.grow
+    monkeypatch.setattr(painting._Columns, "grow", lambda self, *room: (grown.append(1), real(self, *room)))
     busy = blobs(400, 400, seed=5)
     published = strokeplan.plan(busy, "paper-published")
     assert grown

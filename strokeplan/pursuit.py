@@ -1,0 +1,868 @@
+"""Strokes kept for what they improve: matching pursuit with brush strokes.
+
+A stroke is tried where the picture is wrong. Of the tract through the seed it takes the stretch that
+improves the picture most, in the colour that suits its footprint best, and it is kept if that lowers the
+squared error by enough: greedy matching pursuit (S. Mallat, Z. Zhang 1993) over strokes, where the paper
+lays one in every cell that differs. What a stroke gains is exact for the pixels of its footprint:
+
+    gain = Σ w·(old error) − Σ w·|photo − colour|²,   colour = Σ w·photo / Σ w
+
+with w the importance of a pixel. After every layer each stroke takes the mean colour of the pixels where
+it is still seen; at the end strokes that nobody sees, or would miss less than others cost, are dropped.
+A stroke may also be kept for no more than that its cell differs, as in the paper (`Rules.by_gain` off).
+
+Where strokes are tried (`Seeding`): in the cells of a grid in random order, in its worst cells first, at
+random with a probability proportional to the present error, or evenly spaced (B. Jobard, W. Lefer 1997).
+
+The picture is worked in strips along its longer side, wider than a stroke reaches on both sides: every
+second strip at the same time, then the others. What a strip gets does not depend on who works it, or when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strokeplan.canvas import Packed, footprint
+from strokeplan.curves import fit, rdp
+from strokeplan.field import OrientationField
+from strokeplan.jit import kernel
+from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
+from strokeplan.tractography import splitmix64, trace, tract_capacity
+
+SECTIONS = 24
+"""Stretches of a tract begin and end at this many of its points at most; all pairs are compared."""
+ACROSS = 8
+"""Pixels sampled across a tract to choose a stretch, at most: wide brushes are sampled coarsely."""
+ESTIMATE = 0.8
+"""Stretches whose sampled gain falls below this part of what is asked for are not fitted and measured."""
+BARE = 1e9
+"""Error of a pixel that must be covered and is bare: above all that a stroke of any width can lose."""
+TRIES = 8
+"""Most strokes tried for each cell of a strip."""
+NARROWEST, WIDEST = 0.5, 2.0
+"""Bounds of a stroke's width in widths of its brush, where importance varies it."""
+TEST_DISTANCE = 0.5
+"""Evenly spaced tracts end this near to another, in separations (Jobard and Lefer's d_test)."""
+
+GRID, WORST_FIRST, BY_ERROR, EVEN = range(4)
+SEEDINGS = {"grid": GRID, "worst-first": WORST_FIRST, "error": BY_ERROR, "even": EVEN}
+_NEAR, _LANE = np.uint8(1), np.uint8(2)
+"""What a pixel is to the evenly spaced strokes of a layer: a tract ends here; none begins here."""
+
+Laid = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.uint32]]
+"""Points, their count for each stroke, widths and colours."""
+
+
+class Rules(NamedTuple):
+    """What decides in a layer whether a stroke is tried and kept; lengths in pixels."""
+
+    seeding: int
+    cell: float
+    """Side of the cells in which seeds are sought."""
+    by_gain: bool
+    gain: float
+    """Least weighted squared error (8-bit RGB, summed over pixels) that a stroke must take away, if by gain."""
+    trigger: float
+    """Least mean of a cell that is tried: of its squared error, if by gain, or of its RGB distance."""
+    cover: bool
+    """Cover every pixel, whatever it gains."""
+    separation: float
+    """Distance of evenly spaced strokes."""
+    vary_width: bool
+    """Narrower strokes where the weight is high, wider ones where it is low."""
+
+
+class Scene(NamedTuple):
+    """What the kernels look at; `error`, `ids`, `below`, `stamp` and `lanes` change as strokes are laid."""
+
+    photo: Packed
+    weight: NDArray[np.float32]
+    error: NDArray[np.float32]
+    ids: NDArray[np.int32]
+    below: NDArray[np.int32]
+    stamp: NDArray[np.int32]
+    lanes: NDArray[np.uint8]
+    regions: NDArray[np.int32]
+    choice: NDArray[np.uint32]
+    samples: NDArray[np.float32]
+    scale: float
+    key: np.uint64
+
+
+class Strip(NamedTuple):
+    """A window whose cells are worked in one sequence, and where the numbers of its strokes and tries begin."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+    first_id: int
+    first_mark: int
+
+
+class _Easel(NamedTuple):
+    """Room to work on one stroke."""
+
+    tract: NDArray[np.float64]
+    vertices: NDArray[np.float64]
+    chain: NDArray[np.float64]
+    sums: NDArray[np.float64]
+    pixels: NDArray[np.int32]
+
+
+class _Kept(NamedTuple):
+    """Strokes kept so far: columns with room for more."""
+
+    points: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    widths: NDArray[np.float64]
+    colours: NDArray[np.uint32]
+
+
+class _Tally(NamedTuple):
+    """Counters of a strip, each an array of one number."""
+
+    strokes: NDArray[np.int64]
+    points: NDArray[np.int64]
+    tries: NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Pursuit:
+    """A picture in work: its error and which stroke each pixel shows.
+
+    weight   (h, w) float32 above 0: how much a pixel's error counts.
+    regions  (h, w) int32 labels that tracts do not cross, or (1, 1) for none.
+    choice   colours that may be used, by `choices`; empty for all.
+    """
+
+    photo: Packed
+    weight: NDArray[np.float32]
+    regions: NDArray[np.int32]
+    choice: NDArray[np.uint32]
+    background: int
+    error: NDArray[np.float32]
+    ids: NDArray[np.int32]
+    below: NDArray[np.int32]
+    stamp: NDArray[np.int32]
+    layers: list[LayerStrokes]
+    marks: int = 0
+
+    @classmethod
+    def begin(
+        cls,
+        photo: Packed,
+        weight: NDArray[np.float32],
+        background: int,
+        regions: NDArray[np.int32] | None = None,
+        choice: NDArray[np.uint32] | None = None,
+    ) -> Pursuit:
+        """A bare canvas of one colour 0xRRGGBB."""
+        nobody = np.full(photo.shape, -1, np.int32)
+        pursuit = cls(
+            photo,
+            weight,
+            np.zeros((1, 1), np.int32) if regions is None else regions,
+            np.empty(0, np.uint32) if choice is None else choice,
+            background,
+            error=np.empty(photo.shape, np.float32),
+            ids=nobody,
+            below=nobody.copy(),
+            stamp=nobody.copy(),
+            layers=[],
+        )
+        pursuit._measure()
+        return pursuit
+
+    @property
+    def strokes(self) -> int:
+        return sum(len(layer.counts) for layer in self.layers)
+
+    @property
+    def colours(self) -> NDArray[np.uint32]:
+        """(n,) packed colours of all strokes."""
+        return np.concatenate([np.empty(0, np.uint32), *(layer.colours for layer in self.layers)])
+
+    def total_error(self) -> float:
+        """Weighted squared error of the picture as it is."""
+        return float(self.error.sum(dtype=np.float64))
+
+    def canvas(self) -> Packed:
+        """The picture as it is."""
+        shown = np.concatenate([self.colours, np.array([self.background], np.uint32)])
+        return shown[self.ids]  # a bare pixel's −1 is the last
+
+    def paint_layer(
+        self,
+        field: OrientationField,
+        brush: Brush,
+        rules: Rules,
+        key: np.uint64,
+        workers: Workers,
+        tell: Callable[[int, int, int], None],
+    ) -> None:
+        """Work all strips with one brush, then let every stroke so far take the colour of what it shows.
+
+        `tell` is called with strips done, strips in all, and strokes kept so far.
+        """
+        lanes = np.zeros(self.photo.shape if rules.seeding == EVEN else (1, 1), np.uint8)
+        scene = Scene(
+            self.photo, self.weight, self.error, self.ids, self.below, self.stamp, lanes, self.regions, self.choice,
+            field.samples, field.scale, key,
+        )  # fmt: skip
+        if rules.cover:
+            self.error[self.ids < 0] = BARE
+        strips = list(self._strips(brush, rules))
+        capacity = tract_capacity(brush.length)
+        known = self.strokes
+        kept: list[Laid] = []
+        tell(0, len(strips), 0)
+        for phase in (strips[::2], strips[1::2]):
+            laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip, capacity), phase)
+            if laid:
+                final = known + np.cumsum([0, *(len(counts) for _, counts, _, _ in laid)])
+                _renumber(self.ids, self.below, np.array([strip.first_id for strip in phase]), final)
+                known = int(final[-1])
+            kept += laid
+            tell(len(kept), len(strips), known - self.strokes)
+        self.layers.append(LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True))))
+        self.refit()
+
+    def _strips(self, brush: Brush, rules: Rules) -> Iterator[Strip]:
+        """Strips across the longer side, each wider than what strokes of both its neighbours reach into it."""
+        height, width = self.photo.shape
+        widest = brush.width * (WIDEST if rules.vary_width else 1)
+        reach = brush.length * (0.5 if brush.both_ways else 1) + brush.simplify_tolerance + brush.fit_tolerance
+        reach += max(widest, rules.separation) + 2
+        count = max(int(max(height, width) // (2 * reach)), 1)
+        edges = [round(max(height, width) * k / count) for k in range(count + 1)]
+        windows = [
+            (0, height, low, high) if width >= height else (low, high, 0, width)
+            for low, high in zip(edges, edges[1:], strict=False)
+        ]
+        tries = [TRIES * len(_cells(window, rules.cell)) for window in windows]
+        first_id = self.strokes + sum(tries)  # above what any stroke of the layer will be numbered
+        for window, most in zip(windows, tries, strict=True):
+            yield Strip(*window, first_id, self.marks)
+            first_id += most
+            self.marks += most
+
+    def refit(self) -> None:
+        """Every stroke takes the mean colour of what it shows; the error follows."""
+        colours = _mean_colours(self.photo, self.weight, self.ids, self.colours, self.choice)
+        for layer, own in zip(self.layers, self._by_layer(colours), strict=True):
+            layer.colours = own
+        self._measure()
+
+    def prune(self, least: float) -> None:
+        """Drop strokes that nobody sees, and those without which the error would grow by less than `least`."""
+        costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
+        drop = (costs < least) | ~seen
+        _spare(self.ids, self.below, costs, drop)
+        _uncover(self.ids, self.below, drop, np.cumsum(~drop, dtype=np.int32) - np.int32(1))
+        for layer, dropped in zip(self.layers, self._by_layer(drop), strict=True):
+            layer.points = layer.points[np.repeat(~dropped, layer.counts)]
+            layer.counts, layer.widths, layer.colours = (
+                column[~dropped] for column in (layer.counts, layer.widths, layer.colours)
+            )
+        self.refit()
+
+    def _by_layer(self, column: NDArray[np.generic]) -> list[NDArray[np.generic]]:
+        return np.split(column, np.cumsum([len(layer.counts) for layer in self.layers])[:-1])
+
+    def _measure(self) -> None:
+        _measure_error(self.photo, self.weight, self.ids, self.colours, np.uint32(self.background), self.error)
+
+
+def _cells(window: tuple[int, int, int, int], side: float) -> range:
+    """The cells of a window (top, bottom, left, right)."""
+    top, bottom, left, right = window
+    return range(ceil((bottom - top) / side) * ceil((right - left) / side))
+
+
+@kernel
+def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip, capacity: int) -> Laid:
+    """Try strokes all over a strip; return those that are kept."""
+    widest = brush.width * (WIDEST if rules.vary_width else 1.0)
+    room = int((2 * brush.length + 2 * widest + 64) * (max(widest, 2 * rules.separation) + 4))
+    easel = _Easel(
+        np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2)), np.zeros((capacity + 1, 6)),
+        np.empty((room, 2), np.int32),
+    )  # fmt: skip
+    kept = _Kept(np.empty((4096, 2)), np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.uint32))
+    tally = _Tally(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64))
+    if rules.seeding == BY_ERROR:
+        kept = _try_by_error(scene, brush, rules, strip, easel, kept, tally)
+    elif rules.seeding == EVEN:
+        kept = _try_evenly(scene, brush, rules, strip, easel, kept, tally)
+    else:
+        kept = _try_cells(scene, brush, rules, strip, easel, kept, tally, rules.seeding == GRID)
+    if rules.cover:
+        kept = _cover(scene, brush, rules, strip, easel, kept, tally)
+    n = tally.strokes[0]
+    return kept.points[: tally.points[0]].copy(), kept.counts[:n].copy(), kept.widths[:n].copy(), kept.colours[:n].copy()
+
+
+@kernel
+def _try_cells(
+    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally, grid: bool
+) -> _Kept:
+    """Each cell once: at its centre and in random order, or at its worst pixel and the worst cells first."""
+    rows, columns = _shape(strip, rules.cell)
+    ranks = np.empty(rows * columns)
+    for cell in range(rows * columns):
+        ranks[cell] = _random(scene.key, cell) if grid else -_survey(scene, rules, strip, cell)[0]
+    for cell in np.argsort(ranks, kind="mergesort"):
+        mean, i, j = _survey(scene, rules, strip, cell)
+        if mean > rules.trigger:
+            if grid:
+                top, bottom, left, right = _window(rules, strip, cell)
+                i, j = (top + bottom) // 2, (left + right) // 2
+            kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
+    return kept
+
+
+@kernel
+def _cover(
+    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
+) -> _Kept:
+    """Strokes through what is still bare; where none will do, the shortest that there is."""
+    rows, columns = _shape(strip, rules.cell)
+    for cell in range(rows * columns):
+        while True:
+            _, i, j = _survey(scene, rules, strip, cell)
+            if scene.error[i, j] < BARE:
+                break
+            kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
+            if scene.error[i, j] >= BARE:
+                kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, True)
+    return kept
+
+
+@kernel
+def _try_by_error(
+    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
+) -> _Kept:
+    """Seeds drawn with a probability proportional to the present error, until its mean is no more than asked for.
+
+    Cells are drawn from a Fenwick tree of their errors. What other strokes have changed since is found when
+    a cell is drawn: it is then taken with the probability that is left of it.
+    """
+    rows, columns = _shape(strip, rules.cell)
+    cells = rows * columns
+    area = float((strip.bottom - strip.top) * (strip.right - strip.left))
+    mass, tree = np.zeros(cells), np.zeros(cells + 1)
+    for cell in range(cells):
+        _change(tree, mass, cell, _mass(scene, rules, strip, cell))
+    for draw in range(TRIES * cells):
+        total = _prefix(tree, cells)
+        if total <= rules.trigger * area or tally.strokes[0] >= (TRIES - 1) * cells:
+            break
+        key = splitmix64(scene.key, np.uint64(draw))
+        cell = _find(tree, _random(key, 0) * total)
+        before, now = mass[cell], _mass(scene, rules, strip, cell)
+        _change(tree, mass, cell, now)
+        if _random(key, 1) * before > now:
+            continue
+        i, j = _draw_pixel(scene, rules, strip, cell, _random(key, 2) * now)
+        laid = tally.strokes[0]
+        kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
+        # A cell that no stroke suits is not drawn again.
+        _change(tree, mass, cell, _mass(scene, rules, strip, cell) if tally.strokes[0] > laid else 0.0)
+    return kept
+
+
+@kernel
+def _try_evenly(
+    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
+) -> _Kept:
+    """Evenly spaced tracts: seeds lie one separation beside the strokes kept so far, oldest first; where these have
+    no room left beside them, in the next cell, in random order, that is free."""
+    rows, columns = _shape(strip, rules.cell)
+    ranks = np.empty(rows * columns)
+    for cell in range(rows * columns):
+        ranks[cell] = _random(scene.key, cell)
+    limit = (TRIES - 1) * rows * columns
+    flanked, first = 0, 0
+    for cell in np.argsort(ranks, kind="mergesort"):
+        top, bottom, left, right = _window(rules, strip, cell)
+        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, 0.5 * (left + right), 0.5 * (top + bottom))
+        while flanked < tally.strokes[0] and tally.tries[0] < limit:
+            last = first + kept.counts[flanked] - 1
+            for k in range(first, last, 3):
+                for part in range(4):  # of the straight line below a piece: near enough for a seed
+                    t = part / 4
+                    ax, ay, bx, by = kept.points[k, 0], kept.points[k, 1], kept.points[k + 3, 0], kept.points[k + 3, 1]
+                    length = np.hypot(bx - ax, by - ay)
+                    if length > 0.0:
+                        nx, ny = -(by - ay) / length * rules.separation, (bx - ax) / length * rules.separation
+                        x, y = ax + t * (bx - ax), ay + t * (by - ay)
+                        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, x + nx, y + ny)
+                        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, x - nx, y - ny)
+            first = last + 1
+            flanked += 1
+    return kept
+
+
+@kernel
+def _try_beside(
+    scene: Scene,
+    brush: Brush,
+    rules: Rules,
+    strip: Strip,
+    easel: _Easel,
+    kept: _Kept,
+    tally: _Tally,
+    x: float,
+    y: float,
+) -> _Kept:
+    """Try a stroke through (x, y) if that lies in the strip, in no other stroke's lane, and where the picture differs."""
+    i, j = int(np.floor(y)), int(np.floor(x))
+    if not (strip.top <= i < strip.bottom and strip.left <= j < strip.right) or scene.lanes[i, j] & _LANE:
+        return kept
+    columns = _shape(strip, rules.cell)[1]
+    cell = int((i - strip.top) / rules.cell) * columns + int((j - strip.left) / rules.cell)
+    if not _survey(scene, rules, strip, cell)[0] > rules.trigger:
+        return kept
+    return _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
+
+
+@kernel
+def _try(
+    scene: Scene,
+    brush: Brush,
+    rules: Rules,
+    strip: Strip,
+    easel: _Easel,
+    kept: _Kept,
+    tally: _Tally,
+    i: int,
+    j: int,
+    dab: bool,
+) -> _Kept:
+    """Keep the stroke through pixel (i, j) if it is worth it; `dab`: the shortest there is, whatever it is worth."""
+    rows, columns = scene.photo.shape
+    tract, chain = easel.tract, easel.chain
+    mark = strip.first_mark + 3 * tally.tries[0]
+    tally.tries[0] += 1
+    width = brush.width
+    if rules.vary_width:
+        width *= min(max(1.0 / np.sqrt(scene.weight[i, j]), NARROWEST), WIDEST)
+    # Footprints that decide about covering are half a pixel thinner all round than the stroke, so
+    # that no antialiased border lets the canvas through.
+    thick = max(width - 1.0, 0.5 * width) if rules.cover else width
+    if dab:
+        tract[0, 0], tract[0, 1] = j + 0.5 - 0.1 * width, i + 0.5
+        tract[1, 0], tract[1, 1] = j + 0.5 + 0.1 * width, i + 0.5
+        first, last = 0, 2
+    else:
+        first, last = trace(
+            scene.samples, scene.scale, columns, rows, j + 0.5, i + 0.5, brush.length, brush.coherence,
+            brush.step_tolerance, brush.max_step, brush.both_ways, brush.aligned, brush.wander,
+            BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(i * columns + j)), tract,
+        )  # fmt: skip
+        first, last = _within_bounds(scene, rules, tract, first, last)
+        if rules.by_gain and last - first > 1:
+            first, last, estimate = _best_stretch(scene, tract, first, last, thick, easel.sums)
+            if estimate < ESTIMATE * rules.gain:
+                return kept
+        if _length(tract, first, last) < brush.min_length:
+            return kept
+    n = rdp(tract, first, last, brush.simplify_tolerance, easel.vertices) if last - first > 1 else 0
+    if n < (2 if dab else brush.min_vertices):
+        return kept
+    pieces = fit(easel.vertices, n, brush.fit_tolerance, brush.bounded, chain, 0)
+    covered = footprint(scene.stamp, mark, chain, 0, pieces, thick, brush.round_cap, easel.pixels)
+    gain, colour = _gain(scene, easel.pixels, covered)
+    if covered == 0 or (rules.by_gain and not dab and gain < rules.gain):
+        return kept
+    _lay(scene, easel.pixels, covered, strip.first_id + tally.strokes[0], colour)
+    if rules.seeding == EVEN:
+        for k, lane, distance in ((1, _NEAR, TEST_DISTANCE * rules.separation), (2, _LANE, rules.separation)):
+            marked = footprint(scene.stamp, mark + k, chain, 0, pieces, 2.0 * distance, True, easel.pixels)
+            for p in range(marked):
+                scene.lanes[easel.pixels[p, 0], easel.pixels[p, 1]] |= lane
+    return _keep(kept, tally, chain, 3 * pieces + 1, width, colour)
+
+
+@kernel
+def _keep(
+    kept: _Kept, tally: _Tally, chain: NDArray[np.float64], count: int, width: float, colour: np.uint32
+) -> _Kept:
+    """Add a stroke; the columns are longer ones if these were full."""
+    n, used = tally.strokes[0], tally.points[0]
+    if n == len(kept.counts) or used + count > len(kept.points):
+        points, counts = np.empty((2 * len(kept.points) + count, 2)), np.empty(2 * n, np.int64)
+        widths, colours = np.empty(2 * n), np.empty(2 * n, np.uint32)
+        points[:used], counts[:n], widths[:n], colours[:n] = (
+            kept.points[:used], kept.counts[:n], kept.widths[:n], kept.colours[:n],
+        )  # fmt: skip
+        kept = _Kept(points, counts, widths, colours)
+    kept.points[used : used + count] = chain[:count]
+    kept.counts[n], kept.widths[n], kept.colours[n] = count, width, colour
+    tally.strokes[0] += 1
+    tally.points[0] += count
+    return kept
+
+
+@kernel
+def _shape(strip: Strip, side: float) -> tuple[int, int]:
+    """Rows and columns of the cells of a strip."""
+    return int(np.ceil((strip.bottom - strip.top) / side)), int(np.ceil((strip.right - strip.left) / side))
+
+
+@kernel
+def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
+    """Pixels top, bottom, left, right of a cell."""
+    row, column = divmod(cell, _shape(strip, rules.cell)[1])
+    top, bottom = strip.top + int(row * rules.cell), min(strip.top + int((row + 1) * rules.cell), strip.bottom)
+    left, right = strip.left + int(column * rules.cell), min(strip.left + int((column + 1) * rules.cell), strip.right)
+    return top, bottom, left, right
+
+
+@kernel
+def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float, int, int]:
+    """Mean of a cell, see Rules.trigger, and its pixel of the largest error."""
+    top, bottom, left, right = _window(rules, strip, cell)
+    total, largest, worst_i, worst_j = 0.0, -1.0, top, left
+    for i in range(top, bottom):
+        for j in range(left, right):
+            error = scene.error[i, j]
+            total += error if rules.by_gain else np.sqrt(error)
+            if error > largest:
+                largest, worst_i, worst_j = error, i, j
+    return total / max((bottom - top) * (right - left), 1), worst_i, worst_j
+
+
+@kernel
+def _mass(scene: Scene, rules: Rules, strip: Strip, cell: int) -> float:
+    """What a cell weighs when seeds are drawn: nothing if it need not be tried."""
+    mean = _survey(scene, rules, strip, cell)[0]
+    top, bottom, left, right = _window(rules, strip, cell)
+    return mean * (bottom - top) * (right - left) if mean > rules.trigger else 0.0
+
+
+@kernel
+def _draw_pixel(scene: Scene, rules: Rules, strip: Strip, cell: int, share: float) -> tuple[int, int]:
+    """The pixel of a cell at which the sum of its errors passes `share`."""
+    top, bottom, left, right = _window(rules, strip, cell)
+    for i in range(top, bottom):
+        for j in range(left, right):
+            share -= scene.error[i, j] if rules.by_gain else np.sqrt(scene.error[i, j])
+            if share < 0.0:
+                return i, j
+    return bottom - 1, right - 1
+
+
+@kernel
+def _random(key: np.uint64, counter: int) -> float:
+    """A number in [0, 1) for each key and counter."""
+    return float(splitmix64(key, np.uint64(counter)) >> np.uint64(11)) * 2.0**-53
+
+
+@kernel
+def _change(tree: NDArray[np.float64], mass: NDArray[np.float64], cell: int, value: float) -> None:
+    """Give a cell of a Fenwick tree (P. Fenwick 1994) another mass."""
+    change = value - mass[cell]
+    mass[cell] = value
+    k = cell + 1
+    while k < len(tree):
+        tree[k] += change
+        k += k & -k
+
+
+@kernel
+def _prefix(tree: NDArray[np.float64], cells: int) -> float:
+    """Mass of the first cells."""
+    total, k = 0.0, cells
+    while k > 0:
+        total += tree[k]
+        k -= k & -k
+    return total
+
+
+@kernel
+def _find(tree: NDArray[np.float64], share: float) -> int:
+    """The cell in which the running mass passes `share`."""
+    k, step = 0, 1
+    while 2 * step < len(tree):
+        step *= 2
+    while step > 0:
+        if k + step < len(tree) and tree[k + step] <= share:
+            k += step
+            share -= tree[k]
+        step //= 2
+    return min(k, len(tree) - 2)
+
+
+@kernel
+def _within_bounds(
+    scene: Scene, rules: Rules, tract: NDArray[np.float64], first: int, last: int
+) -> tuple[int, int]:
+    """The stretch of tract[first:last] around its seed that stays in one region and clear of evenly spaced strokes."""
+    if scene.regions.size == 1 and rules.seeding != EVEN:
+        return first, last
+    seed = len(tract) // 2
+    rows, columns = scene.photo.shape
+    region = _label(scene, tract, seed)
+    begin = end = seed
+    while begin > first and _label(scene, tract, begin - 1) == region:
+        begin -= 1
+    while end + 1 < last and _label(scene, tract, end + 1) == region:
+        end += 1
+    return begin, end + 1
+
+
+@kernel
+def _label(scene: Scene, tract: NDArray[np.float64], k: int) -> int:
+    """The region of a point of a tract; −1 if it is too near to a stroke that it must not approach."""
+    rows, columns = scene.photo.shape
+    i = min(max(int(tract[k, 1]), 0), rows - 1)
+    j = min(max(int(tract[k, 0]), 0), columns - 1)
+    if scene.lanes.size > 1 and scene.lanes[i, j] & _NEAR:
+        return -1
+    return int(scene.regions[i, j]) if scene.regions.size > 1 else 0
+
+
+@kernel
+def _length(points: NDArray[np.float64], first: int, last: int) -> float:
+    """Of the polyline points[first:last]."""
+    length = 0.0
+    for k in range(first + 1, last):
+        length += np.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
+    return length
+
+
+@kernel
+def _best_stretch(
+    scene: Scene, tract: NDArray[np.float64], first: int, last: int, width: float, sums: NDArray[np.float64]
+) -> tuple[int, int, float]:
+    """The stretch of tract[first:last] whose stroke would gain most, as (first, last), and what it would gain.
+
+    Sections across the tract are sampled once; their running sums give the gain of any stretch at once
+    (round ends, and limits to the choice of colour, left out).
+    """
+    rows, columns = scene.photo.shape
+    n = last - first
+    spacing = max(1.0, width / ACROSS)
+    samples = max(round(width / spacing), 1)
+    for k in range(n):
+        before, after = first + max(k - 1, 0), first + min(k + 1, n - 1)
+        dx, dy = tract[after, 0] - tract[before, 0], tract[after, 1] - tract[before, 1]
+        distance = np.sqrt(dx * dx + dy * dy)
+        nx, ny = (-dy / distance, dx / distance) if distance > 0.0 else (0.0, 0.0)
+        area = 0.5 * distance * spacing
+        old = weights = red = green = blue = squares = 0.0
+        for s in range(samples):
+            across = (s + 0.5 - 0.5 * samples) * spacing
+            j = int(np.floor(tract[first + k, 0] + across * nx))
+            i = int(np.floor(tract[first + k, 1] + across * ny))
+            if 0 <= i < rows and 0 <= j < columns:
+                w, r, g, b = _pixel(scene, i, j)
+                old += scene.error[i, j]
+                weights += w
+                red += w * r
+                green += w * g
+                blue += w * b
+                squares += w * (r * r + g * g + b * b)
+        sums[k + 1, 0] = sums[k, 0] + area * old
+        sums[k + 1, 1] = sums[k, 1] + area * weights
+        sums[k + 1, 2] = sums[k, 2] + area * red
+        sums[k + 1, 3] = sums[k, 3] + area * green
+        sums[k + 1, 4] = sums[k, 4] + area * blue
+        sums[k + 1, 5] = sums[k, 5] + area * squares
+    stride = max((n - 1) // SECTIONS, 1)
+    best, best_a, best_b = -np.inf, 0, n - 1
+    for a in range(0, n - 1, stride):
+        b = a
+        while b < n - 1:
+            b = min(b + stride, n - 1)
+            weights = sums[b + 1, 1] - sums[a, 1]
+            if weights > 0.0:
+                red, green, blue = sums[b + 1, 2] - sums[a, 2], sums[b + 1, 3] - sums[a, 3], sums[b + 1, 4] - sums[a, 4]
+                left = sums[b + 1, 5] - sums[a, 5] - (red * red + green * green + blue * blue) / weights
+                gain = sums[b + 1, 0] - sums[a, 0] - left
+                if gain > best:
+                    best, best_a, best_b = gain, a, b
+    return first + best_a, first + best_b + 1, best
+
+
+@kernel
+def _pixel(scene: Scene, i: int, j: int) -> tuple[float, float, float, float]:
+    """Weight, red, green and blue of the photo."""
+    value = np.int64(scene.photo[i, j])
+    return float(scene.weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
+
+
+@kernel
+def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.uint32]:
+    """What a footprint in its best colour takes from the error, and that colour."""
+    old = weights = red = green = blue = squares = 0.0
+    for k in range(n):
+        i, j = pixels[k, 0], pixels[k, 1]
+        w, r, g, b = _pixel(scene, i, j)
+        old += scene.error[i, j]
+        weights += w
+        red += w * r
+        green += w * g
+        blue += w * b
+        squares += w * (r * r + g * g + b * b)
+    if weights == 0.0:
+        return -np.inf, np.uint32(0)
+    colour = _suited(scene.choice, red / weights, green / weights, blue / weights)
+    value = np.int64(colour)
+    r, g, b = float(value >> 16), float((value >> 8) & 255), float(value & 255)
+    left = squares - 2.0 * (r * red + g * green + b * blue) + (r * r + g * g + b * b) * weights
+    return old - left, colour
+
+
+@kernel
+def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -> np.uint32:
+    """The packed colour that stands for a mean of colours."""
+    r, g, b = int(red + 0.5), int(green + 0.5), int(blue + 0.5)
+    if len(choice) > 0:
+        return choice[((r >> 3) << 10) | ((g >> 3) << 5) | (b >> 3)]
+    return np.uint32((r << 16) | (g << 8) | b)
+
+
+@kernel
+def _squared_distance(a: np.uint32, b: np.uint32) -> float:
+    """Between two packed colours."""
+    x, y = np.int64(a), np.int64(b)
+    dr, dg, db = (x >> 16) - (y >> 16), ((x >> 8) & 255) - ((y >> 8) & 255), (x & 255) - (y & 255)
+    return float(dr * dr + dg * dg + db * db)
+
+
+@kernel
+def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: np.uint32) -> None:
+    for k in range(n):
+        i, j = pixels[k, 0], pixels[k, 1]
+        scene.error[i, j] = scene.weight[i, j] * _squared_distance(scene.photo[i, j], colour)
+        scene.below[i, j] = scene.ids[i, j]
+        scene.ids[i, j] = stroke
+
+
+@kernel
+def _renumber(
+    ids: NDArray[np.int32], below: NDArray[np.int32], provisional: NDArray[np.int64], final: NDArray[np.int64]
+) -> None:
+    """Numbers that the strips of a phase gave, from provisional[k] on, become those from final[k] on."""
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            for numbers in (ids, below):
+                number = numbers[i, j]
+                if number >= provisional[0]:
+                    k = np.searchsorted(provisional, number, side="right") - 1
+                    numbers[i, j] = number - provisional[k] + final[k]
+
+
+@kernel
+def _mean_colours(
+    photo: Packed,
+    weight: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    colours: NDArray[np.uint32],
+    choice: NDArray[np.uint32],
+) -> NDArray[np.uint32]:
+    """The weighted mean colour of the pixels that each stroke shows; its own where it shows none."""
+    sums = np.zeros((len(colours), 4))
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            stroke = ids[i, j]
+            if stroke >= 0:
+                value, w = np.int64(photo[i, j]), weight[i, j]
+                sums[stroke, 0] += w
+                sums[stroke, 1] += w * (value >> 16)
+                sums[stroke, 2] += w * ((value >> 8) & 255)
+                sums[stroke, 3] += w * (value & 255)
+    means = colours.copy()
+    for stroke in range(len(colours)):
+        w = sums[stroke, 0]
+        if w > 0.0:
+            means[stroke] = _suited(choice, sums[stroke, 1] / w, sums[stroke, 2] / w, sums[stroke, 3] / w)
+    return means
+
+
+@kernel
+def _measure_error(
+    photo: Packed,
+    weight: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    colours: NDArray[np.uint32],
+    background: np.uint32,
+    error: NDArray[np.float32],
+) -> None:
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            colour = colours[ids[i, j]] if ids[i, j] >= 0 else background
+            error[i, j] = weight[i, j] * _squared_distance(photo[i, j], colour)
+
+
+@kernel
+def _removal_costs(
+    photo: Packed,
+    weight: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    below: NDArray[np.int32],
+    colours: NDArray[np.uint32],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """By how much the error grows if a stroke is taken away, and whether it is seen.
+
+    Infinite where what lies below is canvas, or not known.
+    """
+    costs, seen = np.zeros(len(colours)), np.zeros(len(colours), np.bool_)
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            top, under = ids[i, j], below[i, j]
+            if top < 0:
+                continue
+            seen[top] = True
+            if under < 0:
+                costs[top] = np.inf
+            else:
+                value = photo[i, j]
+                costs[top] += weight[i, j] * (
+                    _squared_distance(value, colours[under]) - _squared_distance(value, colours[top])
+                )
+    return costs, seen
+
+
+@kernel
+def _spare(
+    ids: NDArray[np.int32], below: NDArray[np.int32], costs: NDArray[np.float64], drop: NDArray[np.bool_]
+) -> None:
+    """Of two strokes to be dropped of which one lies below the other, spare the one worth more."""
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            top, under = ids[i, j], below[i, j]
+            if top >= 0 and under >= 0 and drop[top] and drop[under]:
+                drop[top if costs[top] > costs[under] else under] = False
+
+
+@kernel
+def _uncover(
+    ids: NDArray[np.int32], below: NDArray[np.int32], drop: NDArray[np.bool_], number: NDArray[np.int32]
+) -> None:
+    """Take dropped strokes off the picture; what was below them shows, and all get their new numbers.
+
+    What lies two below is not known, and takes the place of −1 there.
+    """
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            top, under = ids[i, j], below[i, j]
+            if top >= 0 and drop[top]:
+                top, under = under, -1
+            ids[i, j] = number[top] if top >= 0 else -1
+            below[i, j] = number[under] if under >= 0 and not drop[under] else -1
