@@ -1,6 +1,6 @@
 """Local orientation of a photo: structure tensor, eigensystem, coherence (paper, "Structural Tensor").
 
-The grey image is seen at the scale of a layer (Gaussian blur σ), differentiated with a derivative of
+The picture is seen at the scale of a layer (Gaussian blur σ), differentiated with a derivative of
 Gaussian (σ_d) and the products of the derivatives are averaged by a Gaussian (ρ):
 
     S = K_ρ * (∇I ∇Iᵀ),   coherence = ((λ1 − λ2) / (λ1 + λ2))²,   u = eigenvector of the smaller λ
@@ -8,6 +8,17 @@ Gaussian (σ_d) and the products of the derivatives are averaged by a Gaussian (
 Gaussians form a semigroup, so blur and derivative are one filter of variance σ² + σ_d². From σ = 2
 upwards the work is done on a pyramid level: f × f blocks of pixels are averaged, whose variance
 (f² − 1) / 12 is part of that same budget, and the rest of the filter runs on the small image.
+
+Several channels have one tensor, the sum of theirs (Di Zenzo 1986, "A note on the gradient of a
+multi-image"): an edge between colours of one grey is an edge. A picture is (h, w), or (h, w, c).
+
+With a `max_integration_sigma` the scale of the averaging adapts. Where the tensor is incoherent, or weak
+against its surroundings, it gives way to one averaged over twice as much, and that one to the next, up to
+the greatest. All are normed to unit trace before they are mixed, so that flat areas take the direction of
+what surrounds them (normalised convolution: Knutsson and Westin 1993). Where there is no gradient at all
+within reach, the averaging goes on until there is one; only a constant picture stays without orientation.
+The wider tensors are levels of a pyramid: up to half of the plain field's time. Coherence is judged at a
+scale that means something (JUDGE), and the field's own is that of the mixture.
 
 Orientation "gradient" is the same tensor without averaging, ρ = 0: its minor eigenvector is the normal
 of the gradient and its coherence is 1 wherever there is a gradient. Everything else stays alike.
@@ -24,6 +35,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from math import ceil, floor, log2, sqrt
+from threading import Lock
 from typing import Literal
 
 import numpy as np
@@ -40,6 +52,11 @@ STRIP_ROWS = 128
 """Rows filtered at once: small enough to stay in cache, large against the halo of some 10 rows."""
 GRADIENT_FLOOR = 1e-5
 """Gradients below this (in grey 0..1 per pixel; an 8-bit step is 4e-3) are rounding: no orientation."""
+WEAK = 0.1
+"""A tensor of this part of the energy around it (at twice the scale) gives half its weight to what is there."""
+JUDGE = 1.5
+"""Coherence counts from this multiple of the derivative filter's σ on. Averaged over less, even noise is coherent:
+the filter has made neighbouring gradients alike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +76,12 @@ class OrientationField:
 
 
 def submit_field(
-    grey: NDArray[np.float32],
+    image: NDArray[np.float32],
     *,
     sigma: float,
     derivative_sigma: float = 1.0,
     integration_sigma: float = 1.0,
+    max_integration_sigma: float = 0.0,
     orientation: Orientation = "tensor",
     factor: int | None = None,
     executor: Executor | None = None,
@@ -72,24 +90,37 @@ def submit_field(
 
     That call does itself what no thread has begun. The field does not depend on who does what.
     """
-    height, width = grey.shape
+    height, width = image.shape[:2]
     factor = pyramid_factor(sigma) if factor is None else factor
-    small = _block_means(grey, factor)
+    small = _block_means(image, factor)
     blur = sqrt(sigma**2 + derivative_sigma**2 - (factor**2 - 1) / 12) / factor
     rho = 0.0 if orientation == "gradient" else integration_sigma / factor
+    widest = 0.0 if orientation == "gradient" else max_integration_sigma / factor
     floor2 = (GRADIENT_FLOOR * factor) ** 2
 
-    samples = np.empty((*small.shape, 3), np.float32)
+    rows = small.shape[0]
+    samples = np.empty((*small.shape[:2], 3), np.float32)
     halo = ceil(TRUNCATE * blur + 1) + ceil(TRUNCATE * rho + 1)
+    tops = range(0, rows, STRIP_ROWS)
+    missing, counting = len(tops), Lock()
 
     def strip(top: int) -> None:
-        bottom = min(top + STRIP_ROWS, small.shape[0])
-        low, high = max(top - halo, 0), min(bottom + halo, small.shape[0])
+        nonlocal missing
+        bottom = min(top + STRIP_ROWS, rows)
+        low, high = max(top - halo, 0), min(bottom + halo, rows)
         tensor = structure_tensor(small[low:high], blur, rho)
         inside = slice(top - low, bottom - low)
-        _eigensystem(tensor[0][inside], tensor[1][inside], tensor[2][inside], floor2, samples[top:bottom])
+        if widest <= rho:
+            _eigensystem(tensor[0][inside], tensor[1][inside], tensor[2][inside], floor2, samples[top:bottom])
+            return
+        for component in range(3):
+            samples[top:bottom, :, component] = tensor[component][inside]
+        with counting:
+            missing -= 1
+            last = missing == 0
+        if last:  # whoever fills the last strip, all of them are there
+            _widen(samples, rho, widest, JUDGE * blur, floor2)
 
-    tops = range(0, small.shape[0], STRIP_ROWS)
     submitted = [None if executor is None else executor.submit(strip, top) for top in tops]
 
     def finish() -> OrientationField:
@@ -105,23 +136,27 @@ def submit_field(
 
 
 def orientation_field(
-    grey: NDArray[np.float32],
+    image: NDArray[np.float32],
     *,
     sigma: float,
     derivative_sigma: float = 1.0,
     integration_sigma: float = 1.0,
+    max_integration_sigma: float = 0.0,
     orientation: Orientation = "tensor",
     factor: int | None = None,
 ) -> OrientationField:
-    """Orientation field of a (h, w) grey image in 0..1 at scale `sigma` (all sigmas in pixels).
+    """Orientation field of a (h, w) or (h, w, c) picture at scale `sigma` (all sigmas in pixels).
 
-    `factor` overrides the pyramid level (1 = full resolution).
+    Its channels span about 1, as grey in 0..1 does. `max_integration_sigma` lets the averaging grow where
+    the tensor says little (0, or no more than `integration_sigma`: never; orientation "gradient" has no
+    averaging that could). `factor` overrides the pyramid level (1 = full resolution).
     """
     return submit_field(
-        grey,
+        image,
         sigma=sigma,
         derivative_sigma=derivative_sigma,
         integration_sigma=integration_sigma,
+        max_integration_sigma=max_integration_sigma,
         orientation=orientation,
         factor=factor,
     )()
@@ -133,16 +168,25 @@ def pyramid_factor(sigma: float) -> int:
 
 
 def structure_tensor(
-    grey: NDArray[np.float32], sigma: float, rho: float
+    image: NDArray[np.float32], sigma: float, rho: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Smoothed products (Jxx, Jxy, Jyy) of the derivatives of Gaussian; borders repeat the edge pixel."""
-    ix = _gaussian(_gaussian(grey, sigma, axis=0), sigma, axis=1, order=1)
-    iy = _gaussian(_gaussian(grey, sigma, axis=1), sigma, axis=0, order=1)
+    """Smoothed products (Jxx, Jxy, Jyy) of the derivatives of Gaussian, summed over the channels of a
+    (h, w) or (h, w, c) picture; borders repeat the edge pixel."""
+    channels = [image] if image.ndim == 2 else [image[..., channel] for channel in range(image.shape[2])]
+    products = _gradient_products(channels[0], sigma)
+    for channel in channels[1:]:
+        for total, product in zip(products, _gradient_products(channel, sigma), strict=True):
+            total += product
     jxx, jxy, jyy = (
-        product if rho == 0 else _gaussian(_gaussian(product, rho, axis=0), rho, axis=1)
-        for product in (ix * ix, ix * iy, iy * iy)
+        product if rho == 0 else _gaussian(_gaussian(product, rho, axis=0), rho, axis=1) for product in products
     )
     return jxx, jxy, jyy
+
+
+def _gradient_products(channel: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
+    ix = _gaussian(_gaussian(channel, sigma, axis=0), sigma, axis=1, order=1)
+    iy = _gaussian(_gaussian(channel, sigma, axis=1), sigma, axis=0, order=1)
+    return ix * ix, ix * iy, iy * iy
 
 
 def _gaussian(a: NDArray[np.float32], sigma: float, axis: int, order: int = 0) -> NDArray[np.float32]:
@@ -152,15 +196,43 @@ def _gaussian(a: NDArray[np.float32], sigma: float, axis: int, order: int = 0) -
     return filtered
 
 
-def _block_means(grey: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+def _block_means(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Means of factor × factor blocks; the last row and column of blocks repeat the photo's edge."""
     if factor == 1:
-        return grey
-    height, width = grey.shape
+        return image
+    height, width, *channels = image.shape
     rows, cols = -(-height // factor), -(-width // factor)
-    padded = np.pad(grey, ((0, rows * factor - height), (0, cols * factor - width)), mode="edge")
-    means: NDArray[np.float32] = padded.reshape(rows, factor, cols, factor).mean(axis=(1, 3), dtype=np.float32)
+    around = ((0, rows * factor - height), (0, cols * factor - width), *((0, 0) for _ in channels))
+    blocks = np.pad(image, around, mode="edge").reshape(rows, factor, cols, factor, *channels)
+    means: NDArray[np.float32] = blocks.mean(axis=(1, 3), dtype=np.float32)
     return means
+
+
+def _widen(samples: NDArray[np.float32], rho: float, widest: float, judge: float, floor2: float) -> None:
+    """Tensors (Jxx, Jxy, Jyy) averaged over `rho`, in place to orientation and coherence at a scale that
+    adapts up to `widest`; coherence is judged at the scale `judge` or above (all in samples)."""
+    coarse = np.zeros((5, 1, 1), np.float32)
+    for tensors, scale in reversed(_pyramid(samples, rho, widest)):
+        level = np.empty((5, *tensors.shape[:2]), np.float32)
+        _blend_level(tensors, coarse, scale < widest, scale >= judge or tensors.size == 3, floor2, level)
+        coarse = level
+    _blend_finest(samples, coarse, rho >= judge, floor2)
+
+
+def _pyramid(samples: NDArray[np.float32], rho: float, widest: float) -> list[tuple[NDArray[np.float32], float]]:
+    """Tensors of ever larger scale, and the scale of each, down to a single one for the whole photo.
+
+    Level k (from 1) has blocks of 2ᵏ samples and the scale 2ᵏ·ρ, but at least 2ᵏ samples; `widest` is one of them.
+    """
+    levels: list[tuple[NDArray[np.float32], float]] = []
+    blocks, scale, size = samples, max(rho, 1.0), 1
+    while max(blocks.shape[:2]) > 1:
+        blocks = _halved(blocks)
+        size *= 2
+        scale = min(2 * scale, widest) if scale < widest else 2 * scale
+        blur = sqrt(max(scale**2 - rho**2 - (size**2 - 1) / 12, 0)) / size
+        levels.append((_gaussian(_gaussian(blocks, blur, axis=0), blur, axis=1) if blur else blocks, scale))
+    return levels
 
 
 @kernel
@@ -171,23 +243,132 @@ def _eigensystem(
     floor2: float,
     out: NDArray[np.float32],
 ) -> None:
-    """Closed form of the symmetric 2 × 2 eigenproblem: minor eigenvector and coherence."""
+    """Minor eigenvector and coherence of every tensor."""
     rows, cols = jxx.shape
     for i in range(rows):
         for j in range(cols):
-            xx, xy, yy = float(jxx[i, j]), float(jxy[i, j]), float(jyy[i, j])
-            mean = 0.5 * (xx + yy)
-            half = 0.5 * (xx - yy)
-            radius = np.sqrt(half * half + xy * xy)  # λ = mean ± radius
-            if mean <= floor2 or radius <= 1e-7 * mean:
-                out[i, j, 0], out[i, j, 1], out[i, j, 2] = 1.0, 0.0, 0.0
-                continue
-            # Major eigenvector, by whichever of its two forms does not cancel; the minor is its normal.
-            if half >= 0:
-                ax, ay = half + radius, xy
-            else:
-                ax, ay = xy, radius - half
-            norm = np.sqrt(ax * ax + ay * ay)
-            coherence = radius / mean
-            out[i, j, 0], out[i, j, 1] = -ay / norm, ax / norm
-            out[i, j, 2] = min(coherence * coherence, 1.0)
+            out[i, j, 0], out[i, j, 1], out[i, j, 2] = _minor(
+                float(jxx[i, j]), float(jxy[i, j]), float(jyy[i, j]), floor2
+            )
+
+
+@kernel
+def _minor(xx: float, xy: float, yy: float, floor2: float) -> tuple[float, float, float]:
+    """Closed form of the symmetric 2 × 2 eigenproblem: minor eigenvector and coherence."""
+    mean = 0.5 * (xx + yy)
+    half = 0.5 * (xx - yy)
+    radius = np.sqrt(half * half + xy * xy)  # λ = mean ± radius
+    if mean <= floor2 or radius <= 1e-7 * mean:
+        return 1.0, 0.0, 0.0
+    # Major eigenvector, by whichever of its two forms does not cancel; the minor is its normal.
+    if half >= 0:
+        ax, ay = half + radius, xy
+    else:
+        ax, ay = xy, radius - half
+    norm = np.sqrt(ax * ax + ay * ay)
+    coherence = radius / mean
+    return -ay / norm, ax / norm, min(coherence * coherence, 1.0)
+
+
+@kernel
+def _halved(tensors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means of 2 × 2 tensors; the last row and column repeat the edge."""
+    rows, cols, components = tensors.shape
+    half = np.empty(((rows + 1) // 2, (cols + 1) // 2, components), np.float32)
+    for i in range(half.shape[0]):
+        i0, i1 = 2 * i, min(2 * i + 1, rows - 1)
+        for j in range(half.shape[1]):
+            j0, j1 = 2 * j, min(2 * j + 1, cols - 1)
+            for c in range(components):
+                total = float(tensors[i0, j0, c]) + tensors[i0, j1, c] + tensors[i1, j0, c] + tensors[i1, j1, c]
+                half[i, j, c] = 0.25 * total
+    return half
+
+
+@kernel
+def _blend_level(
+    tensors: NDArray[np.float32],
+    coarse: NDArray[np.float32],
+    grows: bool,
+    judges: bool,
+    floor2: float,
+    out: NDArray[np.float32],
+) -> None:
+    """A level of tensors mixed with the next: (xx, xy, yy) of unit trace, energy and certainty of its own."""
+    rows, cols, _ = tensors.shape
+    between, beneath = np.empty(coarse.shape[2] + 2), np.empty((5, 2 * coarse.shape[2]), np.float32)
+    for i in range(rows):
+        _enlarged_row(coarse, i, between, beneath)
+        for j in range(cols):
+            out[0, i, j], out[1, i, j], out[2, i, j], out[3, i, j], out[4, i, j] = _blended(
+                tensors[i, j, 0], tensors[i, j, 1], tensors[i, j, 2],
+                beneath[0, j], beneath[1, j], beneath[2, j], beneath[3, j], beneath[4, j], grows, judges, floor2,
+            )  # fmt: skip
+
+
+@kernel
+def _blend_finest(samples: NDArray[np.float32], coarse: NDArray[np.float32], judges: bool, floor2: float) -> None:
+    """The finest tensors mixed with level 1, in place to minor eigenvector and coherence."""
+    rows, cols, _ = samples.shape
+    between, beneath = np.empty(coarse.shape[2] + 2), np.empty((5, 2 * coarse.shape[2]), np.float32)
+    for i in range(rows):
+        _enlarged_row(coarse, i, between, beneath)
+        for j in range(cols):
+            xx, xy, yy, _, _ = _blended(
+                samples[i, j, 0], samples[i, j, 1], samples[i, j, 2],
+                beneath[0, j], beneath[1, j], beneath[2, j], beneath[3, j], beneath[4, j], True, judges, floor2,
+            )  # fmt: skip
+            samples[i, j, 0], samples[i, j, 1], samples[i, j, 2] = _minor(xx, xy, yy, 0.0)
+
+
+@kernel
+def _blended(
+    xx: float,
+    xy: float,
+    yy: float,
+    coarse_xx: float,
+    coarse_xy: float,
+    coarse_yy: float,
+    around: float,
+    certainty: float,
+    grows: bool,
+    judges: bool,
+    floor2: float,
+) -> tuple[float, float, float, float, float]:
+    """One tensor mixed with the next level's there: xx, xy, yy of unit trace (0 if neither has energy), its energy,
+    and how certain its direction is (the next level's word, unless this one `judges`).
+
+    Its own weight is that certainty and its energy against what is around; from the greatest scale on
+    (not `grows`) its energy against rounding alone.
+    """
+    energy = xx + yy
+    if judges:
+        coherence = min(((xx - yy) * (xx - yy) + 4.0 * xy * xy) / (energy * energy), 1.0) if energy > floor2 else 0.0
+        certainty = coherence * coherence * (3.0 - 2.0 * coherence)
+    weight = certainty / (energy + WEAK * around + floor2) if grows else 1.0 / (energy + floor2)
+    left = 1.0 - weight * energy
+    return (
+        weight * xx + left * coarse_xx,
+        weight * xy + left * coarse_xy,
+        weight * yy + left * coarse_yy,
+        energy,
+        certainty,
+    )
+
+
+@kernel
+def _enlarged_row(coarse: NDArray[np.float32], i: int, between: NDArray[np.float64], out: NDArray[np.float32]) -> None:
+    """Row `i` of a level (values, rows, columns) at twice its size, bilinear; `between` is scratch.
+
+    A sample lies a quarter of the way from the nearest coarse one to the next: weights 3/4 and 1/4.
+    """
+    values, rows, cols = coarse.shape
+    near = min(i // 2, rows - 1)
+    far = min(max(near - 1 if i % 2 == 0 else near + 1, 0), rows - 1)
+    for k in range(values):
+        for j in range(cols):
+            between[j + 1] = 0.75 * coarse[k, near, j] + 0.25 * coarse[k, far, j]
+        between[0], between[cols + 1] = between[1], between[cols]
+        for j in range(cols):
+            out[k, 2 * j] = 0.75 * between[j + 1] + 0.25 * between[j]
+            out[k, 2 * j + 1] = 0.75 * between[j + 1] + 0.25 * between[j + 2]

@@ -6,7 +6,7 @@ All functions return (h, w, 3) uint8 pictures.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, inf
+from math import ceil, inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -63,21 +63,23 @@ def coherence_figure(field: OrientationField) -> Picture:
 def tract_figure(photo: Photo, tract: NDArray[np.float64], seed: tuple[float, float]) -> Picture:
     """Figure 2b: one tract (n, 2) over the photo, its seed as a blue point."""
     surface = _over_photo(photo, dim=0.25)
-    context = surface.context
     unit = max(photo.width, photo.height) / 300
-    cairo = require_cairo()
-    context.set_line_join(cairo.LINE_JOIN_ROUND)
-    context.set_line_cap(cairo.LINE_CAP_ROUND)
-    for width, color in ((1.6 * unit, (1.0, 1.0, 1.0)), (unit, TRACT)):
-        context.set_line_width(width)
-        context.set_source_rgb(*color)
-        for x, y in tract.tolist():
-            context.line_to(x, y)
-        context.stroke()
-    for radius, color in ((1.8 * unit, (1.0, 1.0, 1.0)), (1.4 * unit, SEED)):
-        context.set_source_rgb(*color)
-        context.arc(*seed, radius, 0, 2 * np.pi)
-        context.fill()
+    _line(surface.context, tract, 1.6 * unit, (1.0, 1.0, 1.0, 1.0))
+    _line(surface.context, tract, unit, (*TRACT, 1.0))
+    _seed(surface.context, seed, unit)
+    return surface.picture()
+
+
+def spread_figure(photo: Photo, tracts: Sequence[NDArray[np.float64]], seed: tuple[float, float]) -> Picture:
+    """Many tracts (n, 2) through one seed over the photo, as probabilistic tractography shows them.
+
+    They are see-through, so that their colour is deep where many of them run.
+    """
+    surface = _over_photo(photo, dim=0.25)
+    unit = max(photo.width, photo.height) / 300
+    for tract in tracts:
+        _line(surface.context, tract, 0.6 * unit, (*TRACT, max(0.1, 1 / sqrt(len(tracts)))))
+    _seed(surface.context, seed, unit)
     return surface.picture()
 
 
@@ -137,6 +139,24 @@ def _over_photo(photo: Photo, dim: float) -> Surface:
     """A surface in photo coordinates that shows the photo, mixed with white by `dim`."""
     shown = np.rint(photo.rgb * (1 - dim) + 255 * dim).astype(np.uint8)
     return Surface.over(shown, scale=max(1.0, FIGURE_SIDE / max(photo.width, photo.height)))
+
+
+def _line(context: Any, points: NDArray[np.float64], width: float, color: tuple[float, float, float, float]) -> None:
+    cairo = require_cairo()
+    context.set_line_join(cairo.LINE_JOIN_ROUND)
+    context.set_line_cap(cairo.LINE_CAP_ROUND)
+    context.set_line_width(width)
+    context.set_source_rgba(*color)
+    for x, y in points.tolist():
+        context.line_to(x, y)
+    context.stroke()
+
+
+def _seed(context: Any, seed: tuple[float, float], unit: float) -> None:
+    for radius, color in ((1.8 * unit, (1.0, 1.0, 1.0)), (1.4 * unit, SEED)):
+        context.set_source_rgb(*color)
+        context.arc(*seed, radius, 0, 2 * np.pi)
+        context.fill()
 
 
 def _arrow(context: Any, x: float, y: float, ux: float, uy: float, length: float) -> None:

@@ -24,7 +24,7 @@ from strokeplan.curves import fit, rdp
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel
 from strokeplan.presets import LayerPreset, Preset
-from strokeplan.tractography import trace, tract_capacity
+from strokeplan.tractography import splitmix64, trace, tract_capacity
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -33,6 +33,8 @@ BATCHES = 100
 """Parts of a layer between which progress is told, and Ctrl-C heard."""
 AHEAD_POINTS_PER_CELL = 8
 """Room for strokes traced ahead, for each cell of a batch; most cells get none."""
+BEND_WIDTHS = 4.0
+"""Widths of the brush over which a wandering stroke changes its deviation: what turns faster looks shaky."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,7 @@ class Brush(NamedTuple):
     coherence: float
     step_tolerance: float
     max_step: float
+    wander: float
     photo_gain: float
     both_ways: bool
     aligned: bool
@@ -138,6 +141,7 @@ class _Scene(NamedTuple):
     columns: Axis
     rows: Axis
     order: NDArray[np.int64]
+    key: np.uint64
 
 
 class _Ahead(NamedTuple):
@@ -168,7 +172,7 @@ def paint_layer(
     columns = cell_axis(field.width, layer.width, preset.grid)
     rows = cell_axis(field.height, layer.width, preset.grid)
     order = _cell_order(seeds, len(columns.start) * len(rows.start))
-    scene = _Scene(photo, canvas, field.samples, field.scale, columns, rows, order)
+    scene = _Scene(photo, canvas, field.samples, field.scale, columns, rows, order, wander_key(seeds))
     capacity = tract_capacity(layer.length)
     room = 4 * capacity  # the most points that one tract may add
     strokes = _Columns(np.empty((room + 4096, 2)), np.empty(room + 1024, np.int64), np.empty(room + 1024, np.uint32))
@@ -238,6 +242,7 @@ def layer_brush(preset: Preset, layer: LayerPreset) -> Brush:
         coherence=preset.coherence,
         step_tolerance=preset.step_tolerance,
         max_step=preset.max_step,
+        wander=preset.wander,
         photo_gain=1 / 255 if preset.color_test == "unscaled" else 1.0,
         both_ways=preset.directions == "both",
         aligned=preset.interpolation == "aligned",
@@ -250,6 +255,12 @@ def layer_brush(preset: Preset, layer: LayerPreset) -> Brush:
 def _cell_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
     """The cells of a layer, numbered by rows, in random order."""
     return np.random.default_rng(seeds).permutation(cells)
+
+
+def wander_key(seeds: tuple[int, int]) -> np.uint64:
+    """The key from which the cells of a layer have theirs, for (plan's seed, layer)."""
+    # A child of the seeds: their own sequence orders the cells.
+    return np.uint64(np.random.SeedSequence(seeds, spawn_key=(1,)).generate_state(1, np.uint64)[0])
 
 
 def _trace_batch(scene: _Scene, brush: Brush, begin: int, batch: int, capacity: int) -> _Ahead:
@@ -285,6 +296,7 @@ def _cell_distance(scene: _Scene, cell: int, photo_gain: float) -> tuple[float, 
 def _trace_stroke(
     scene: _Scene,
     brush: Brush,
+    cell: int,
     x: float,
     y: float,
     tract: NDArray[np.float64],
@@ -292,11 +304,12 @@ def _trace_stroke(
     chain: NDArray[np.float64],
     at: int,
 ) -> tuple[int, np.uint32]:
-    """The stroke through a seed: its chain at chain[at:], its number of pieces (0: none) and its colour."""
+    """The stroke through a cell's seed: its chain at chain[at:], its number of pieces (0: none) and its colour."""
     height, width = scene.photo.shape
     first, last = trace(
         scene.samples, scene.scale, width, height, x, y, brush.length, brush.coherence, brush.step_tolerance,
-        brush.max_step, brush.both_ways, brush.aligned, tract,
+        brush.max_step, brush.both_ways, brush.aligned,
+        brush.wander, BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(cell)), tract,
     )  # fmt: skip
     length, middle_x, middle_y = _middle(tract, first, last)
     colour = _colour(scene.photo, middle_x, middle_y)
@@ -318,7 +331,7 @@ def _trace_cells(scene: _Scene, brush: Brush, capacity: int, begin: int, end: in
             return
         distance, x, y = _cell_distance(scene, scene.order[k], brush.photo_gain)
         if distance > brush.threshold:
-            pieces, colour = _trace_stroke(scene, brush, x, y, tract, vertices, ahead.points, used)
+            pieces, colour = _trace_stroke(scene, brush, scene.order[k], x, y, tract, vertices, ahead.points, used)
             ahead.first[k - begin], ahead.pieces[k - begin], ahead.colours[k - begin] = used, pieces, colour
             used += 3 * pieces + 1
 
@@ -348,7 +361,7 @@ def _paint_cells(
         if used + 4 * capacity > len(points) or laid + capacity > len(counts):
             return at, laid, used
         distance, x, y = _cell_distance(scene, scene.order[at], brush.photo_gain)
-        traced = at - begin
+        cell, traced = scene.order[at], at - begin
         at += 1
         if not distance > brush.threshold:  # NaN, of an empty cell, is not
             continue
@@ -356,7 +369,7 @@ def _paint_cells(
         pieces, colour = ahead.pieces[traced], ahead.colours[traced]
         if pieces < 0:
             chain, first = own, 0
-            pieces, colour = _trace_stroke(scene, brush, x, y, tract, vertices, own, 0)
+            pieces, colour = _trace_stroke(scene, brush, cell, x, y, tract, vertices, own, 0)
         # One stroke of all pieces, or one of each.
         part = 1 if brush.per_piece else max(pieces, 1)
         for piece in range(0, pieces, part):

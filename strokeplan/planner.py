@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
-from strokeplan.image import LUMA, Photo, as_photo, grey, load_photo
-from strokeplan.painting import LayerStrokes, Workers, layer_brush, paint_layer
+from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
+from strokeplan.painting import BEND_WIDTHS, LayerStrokes, Workers, layer_brush, paint_layer, wander_key
 from strokeplan.presets import LayerPreset, Preset, load_preset
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
-from strokeplan.tractography import track
+from strokeplan.tractography import splitmix64, track
 from strokeplan.version import __version__
 
 DECIMALS = 2
@@ -138,32 +138,61 @@ def _teller(
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it if it is cached, by a plan of a few pixels."""
-    plan(np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8), threads=2)
+    """Compile every kernel, or load it if it is cached, by plans of a few pixels."""
+    picture = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    for widest in (0, 2):  # the adaptive field has kernels of its own
+        plan(picture, load_preset("paper").override({"max_integration_sigma": widest}), threads=2)
 
 
 def layer_field(photo: Photo, preset: Preset, number: int) -> OrientationField:
     """The orientation field that layer `number` (from 1) of a preset follows on a photo."""
     resolved = preset.for_photo(photo.width, photo.height)
-    return _field(_grey(photo, resolved), resolved, _layer(resolved, number), Workers())()
+    return _field(_channels(photo, resolved), resolved, _layer(resolved, number), Workers())()
 
 
 def layer_tract(field: OrientationField, preset: Preset, number: int, seed: tuple[float, float]) -> NDArray[np.float64]:
-    """The tract (n, 2) that layer `number` (from 1) of a preset follows through `seed` (x, y)."""
+    """The tract (n, 2) that layer `number` (from 1) of a preset follows through `seed` (x, y) without its wander."""
+    return _layer_track(field, preset, number, seed)(0.0, 0)
+
+
+def layer_spread(
+    field: OrientationField, preset: Preset, number: int, seed: tuple[float, float], count: int, chance: int = 0
+) -> list[NDArray[np.float64]]:
+    """`count` tracts through one seed (x, y), each a draw of the layer's wander; `chance` is the seed of all draws."""
+    if count < 1:
+        raise InputError(f"count {count} of tracts is below 1")
+    if preset.wander == 0:
+        raise InputError("a preset of wander 0 has one tract through a point; set a wander of up to 1")
+    follow = _layer_track(field, preset, number, seed)
+    key = wander_key((chance, number))
+    return [follow(preset.wander, int(splitmix64(key, np.uint64(draw)))) for draw in range(count)]
+
+
+def _layer_track(
+    field: OrientationField, preset: Preset, number: int, seed: tuple[float, float]
+) -> Callable[[float, int], NDArray[np.float64]]:
+    """The tract of a layer through a point, for a wander and the key of its draw."""
     if not (0 <= seed[0] <= field.width and 0 <= seed[1] <= field.height):
         raise InputError(f"the point {seed[0]:g},{seed[1]:g} is outside the photo of {field.width} × {field.height}")
     resolved = preset.for_photo(field.width, field.height)
     brush = layer_brush(resolved, _layer(resolved, number))
-    return track(
-        field,
-        seed,
-        max_length=brush.length,
-        min_coherence=brush.coherence,
-        tolerance=brush.step_tolerance,
-        max_step=brush.max_step,
-        both_ways=brush.both_ways,
-        aligned=brush.aligned,
-    )
+
+    def follow(wander: float, key: int) -> NDArray[np.float64]:
+        return track(
+            field,
+            seed,
+            max_length=brush.length,
+            min_coherence=brush.coherence,
+            tolerance=brush.step_tolerance,
+            max_step=brush.max_step,
+            both_ways=brush.both_ways,
+            aligned=brush.aligned,
+            wander=wander,
+            bend=BEND_WIDTHS * brush.width,
+            key=key,
+        )
+
+    return follow
 
 
 def _layer(preset: Preset, number: int) -> LayerPreset:
@@ -172,7 +201,10 @@ def _layer(preset: Preset, number: int) -> LayerPreset:
     return preset.layers[number - 1]
 
 
-def _grey(photo: Photo, preset: Preset) -> NDArray[np.float32]:
+def _channels(photo: Photo, preset: Preset) -> NDArray[np.float32]:
+    """What the orientation of a preset is measured on: (h, w), or (h, w, c)."""
+    if preset.channels != "grey":
+        return lab(photo.rgb) if preset.channels == "lab" else hue(photo.rgb)
     return grey(photo.rgb, LUMA if preset.grey == "luma" else (1 / 3, 1 / 3, 1 / 3))
 
 
@@ -198,7 +230,7 @@ def _workers(threads: int | None) -> Iterator[Workers]:
 
 def _fields(photo: Photo, preset: Preset, workers: Workers) -> deque[Callable[[], OrientationField]]:
     """The fields of all layers, in work in the workers; each is waited for when called."""
-    image = _grey(photo, preset)
+    image = _channels(photo, preset)
     return deque(_field(image, preset, layer, workers) for layer in preset.layers)
 
 
@@ -210,6 +242,7 @@ def _field(
         sigma=layer.sigma,
         derivative_sigma=preset.derivative_sigma,
         integration_sigma=preset.integration_sigma,
+        max_integration_sigma=preset.max_integration_sigma,
         orientation=preset.orientation,
         executor=workers.executor,
     )

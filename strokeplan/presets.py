@@ -61,17 +61,25 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Colour of the bare canvas."""
     grey: Literal["luma", "mean"] = "luma"
     """How the photo becomes grey: BT.709 luminance, or the mean of the channels."""
+    channels: Literal["grey", "lab", "hue"] = "grey"
+    """What the orientation is measured on: that grey; CIE L*a*b*, which sees edges between colours of one grey too;
+    or hue alone, blind to light and shade."""
     orientation: Literal["tensor", "gradient"] = "tensor"
     derivative_sigma: Annotated[float, Meta(gt=0, le=MAX_FILTER)] = 1.0
     """σ_d of the derivative of Gaussian."""
     integration_sigma: Annotated[float, Meta(ge=0, le=MAX_FILTER)] = 1.0
     """ρ of the tensor's averaging."""
+    max_integration_sigma: Annotated[float, Meta(ge=0, le=MAX_FILTER)] = 0.0
+    """How far the averaging may grow where the tensor is incoherent or weak, so that flat areas follow their
+    surroundings; 0: never."""
     coherence: Annotated[float, Meta(ge=0, le=1)] = 0.5
     """A tract ends where the coherence falls below this."""
     step_tolerance: Annotated[float, Meta(ge=1e-6, le=MAX_LENGTH)] = 0.05
     """Largest estimated error of one Runge–Kutta step."""
     max_step: PositiveLength = 2.0
     """Longest Runge–Kutta step: a tract cannot leap across a wider band of incoherence."""
+    wander: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """How far tracts stray from the orientation, as a part of its uncertainty; 0: not at all."""
 
     # Where the author's published pictures leave the text, the second value reproduces them.
     color_test: Literal["rgb", "unscaled"] = "rgb"
@@ -91,6 +99,13 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     color: Literal["middle", "handle"] = "middle"
     """One colour a stroke from the middle of its tract, or one a cubic from its second handle."""
     cap: Literal["round", "butt"] = "round"
+
+    def __post_init__(self) -> None:
+        if 0 < self.max_integration_sigma < self.integration_sigma:
+            raise ValueError(
+                f"max_integration_sigma = {self.max_integration_sigma:g} is below integration_sigma = "
+                f"{self.integration_sigma:g}; give at least that, or 0 for an averaging that never grows"
+            )
 
     def for_photo(self, width: int, height: int) -> Preset:
         """This preset with every length in pixels of a photo of that size."""
@@ -117,7 +132,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return _from_builtins(raw, self.name or "preset")
 
 
-PRESET_LENGTHS = ("derivative_sigma", "integration_sigma", "step_tolerance", "max_step")
+PRESET_LENGTHS = ("derivative_sigma", "integration_sigma", "max_integration_sigma", "step_tolerance", "max_step")
 
 
 def names() -> list[str]:

@@ -7,6 +7,16 @@ length, at the border of the photo, or where the coherence falls below the thres
 located on the step by bisection. No step is longer than `max_step`, so that a tract cannot leap
 across a band of incoherence.
 
+Tracts may wander (probabilistic tractography, as Behrens et al. 2007 have it for diffusion): the heading is
+drawn from the orientation's uncertainty. The anisotropy (λ1 − λ2) / (λ1 + λ2) is the mean resultant length of
+the gradients' doubled angles, weighted by energy; coherence is its square. Taken as wrapped normal, the
+angle of the structure has the standard deviation σ_θ = ½ √(−2 ln √coherence). The deviation is wander · σ_θ
+at the place reached, times a standard normal process of the arc length s from the seed: normal numbers at
+knots `bend` apart, mixed between them with weights cos and sin, so that the variance is 1 everywhere. It
+depends on s and a key alone. A tract is therefore still the solution of a differential equation, smooth
+through its seed, whatever the steps, the order or the threads; white noise at each step would average out as
+the steps grow short.
+
 Positions are photo coordinates: x right, y down, pixel (i, j) covers [j, j + 1] × [i, i + 1].
 
 Known limit: a tract on a closed curve goes round until its length is used up.
@@ -27,6 +37,14 @@ MAX_STEP_PX = 2.0
 """Default longest step: narrower bands of incoherence than this may be crossed."""
 MIN_STEP_PX = 0.05
 """A rejected step is never shortened below this: at a singular point no step is short enough."""
+BEND_PX = 10.0
+"""Default distance over which a wandering tract changes its deviation."""
+MAX_DEVIATION = np.pi / 2
+"""Beyond a right angle from the orientation a tract would turn back."""
+MAX_UNCERTAINTY = np.pi / np.sqrt(12)
+"""Standard deviation of an axis of any direction alike: nothing is less certain."""
+
+_GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
 
 def track(
@@ -39,16 +57,22 @@ def track(
     max_step: float = MAX_STEP_PX,
     both_ways: bool = True,
     aligned: bool = True,
+    wander: float = 0.0,
+    bend: float = BEND_PX,
+    key: int = 0,
 ) -> NDArray[np.float64]:
     """The tract through `seed` (x, y), as (n, 2) points in photo pixels; n = 1 if it goes nowhere.
 
     `max_length` bounds the whole tract; followed both ways, each way takes at most half of it.
     `aligned=False` interpolates the signed vectors as they are (only to reproduce published pictures).
+    `wander` > 0 draws the heading from that part of the orientation's uncertainty, anew about every `bend`
+    pixels; another `key` is another draw.
     """
     points = np.empty((tract_capacity(max_length), 2))
     first, last = trace(
         field.samples, field.scale, field.width, field.height, seed[0], seed[1],
-        max_length, min_coherence, tolerance, max_step, both_ways, aligned, points,
+        max_length, min_coherence, tolerance, max_step, both_ways, aligned,
+        wander, bend, np.uint64(key % 2**64), points,
     )  # fmt: skip
     return points[first:last].copy()
 
@@ -72,9 +96,15 @@ def trace(
     max_step: float,
     both_ways: bool,
     aligned: bool,
+    wander: float,
+    bend: float,
+    key: np.uint64,
     points: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Fill points[first:last] with the tract through (x, y); return (first, last)."""
+    """Fill points[first:last] with the tract through (x, y); return (first, last).
+
+    `wander` in 0..1, `bend` in pixels and `key` are the deviation's (see above); with wander 0 they do nothing.
+    """
     middle = points.shape[0] // 2
     points[middle, 0], points[middle, 1] = x, y
     rows, cols = samples.shape[0], samples.shape[1]
@@ -84,13 +114,13 @@ def trace(
     reach = 0.5 * max_length if both_ways else max_length
     last = _follow(
         samples, scale, width, height, ux, uy, reach, min_coherence, tolerance, max_step, aligned,
-        points, middle, 1,
+        wander, bend, key, points, middle, 1,
     )  # fmt: skip
     first = middle
     if both_ways:
         first = _follow(
             samples, scale, width, height, -ux, -uy, reach, min_coherence, tolerance, max_step, aligned,
-            points, middle, -1,
+            wander, bend, key, points, middle, -1,
         )  # fmt: skip
     return first, last + 1
 
@@ -108,13 +138,18 @@ def _follow(
     tolerance: float,
     max_step: float,
     aligned: bool,
+    wander: float,
+    bend: float,
+    key: np.uint64,
     points: NDArray[np.float64],
     at: int,
     stride: int,
 ) -> int:
     """Append points from index `at` on, by `stride` (±1); return the index of the last one."""
     x, y = points[at, 0], points[at, 1]
-    k1x, k1y, coherence = sample(samples, scale, aligned, x, y, heading_x, heading_y)
+    # u is the orientation, k where the tract goes: the same, unless it wanders.
+    ux, uy, coherence = sample(samples, scale, aligned, x, y, heading_x, heading_y)
+    k1x, k1y = _deviated(ux, uy, coherence, wander, bend, key, 0.0)
     if coherence < min_coherence or (k1x == 0.0 and k1y == 0.0):
         return at
     step, travelled = max_step, 0.0
@@ -122,11 +157,14 @@ def _follow(
     while travelled < reach and at != end:
         step = min(step, reach - travelled)
         # The heading of all three stages is that of the step's start.
-        k2x, k2y, _ = sample(samples, scale, aligned, x + 0.5 * step * k1x, y + 0.5 * step * k1y, k1x, k1y)
-        k3x, k3y, _ = sample(samples, scale, aligned, x + 0.75 * step * k2x, y + 0.75 * step * k2y, k1x, k1y)
+        k2x, k2y, coherence = sample(samples, scale, aligned, x + 0.5 * step * k1x, y + 0.5 * step * k1y, ux, uy)
+        k2x, k2y = _deviated(k2x, k2y, coherence, wander, bend, key, stride * (travelled + 0.5 * step))
+        k3x, k3y, coherence = sample(samples, scale, aligned, x + 0.75 * step * k2x, y + 0.75 * step * k2y, ux, uy)
+        k3x, k3y = _deviated(k3x, k3y, coherence, wander, bend, key, stride * (travelled + 0.75 * step))
         nx = x + step * (2.0 * k1x + 3.0 * k2x + 4.0 * k3x) / 9.0
         ny = y + step * (2.0 * k1y + 3.0 * k2y + 4.0 * k3y) / 9.0
-        k4x, k4y, coherence = sample(samples, scale, aligned, nx, ny, k1x, k1y)
+        u4x, u4y, coherence = sample(samples, scale, aligned, nx, ny, ux, uy)
+        k4x, k4y = _deviated(u4x, u4y, coherence, wander, bend, key, stride * (travelled + step))
         ex = step * (-5.0 * k1x + 6.0 * k2x + 8.0 * k3x - 9.0 * k4x) / 72.0
         ey = step * (-5.0 * k1y + 6.0 * k2y + 8.0 * k3y - 9.0 * k4y) / 72.0
         error = np.sqrt(ex * ex + ey * ey)
@@ -148,7 +186,7 @@ def _follow(
         points[at, 0], points[at, 1] = nx, ny
         if k4x == 0.0 and k4y == 0.0:
             return at
-        x, y, k1x, k1y = nx, ny, k4x, k4y
+        x, y, ux, uy, k1x, k1y = nx, ny, u4x, u4y, k4x, k4y
         travelled += step
         step = min(step * growth, max_step)
     return at
@@ -218,3 +256,45 @@ def sample(
     if ux * hx + uy * hy < 0.0:
         norm = -norm
     return ux / norm, uy / norm, coherence
+
+
+@kernel
+def _deviated(
+    ux: float, uy: float, coherence: float, wander: float, bend: float, key: np.uint64, s: float
+) -> tuple[float, float]:
+    """The direction of a tract that wanders, at arc length `s` from its seed (below 0 on the way back)."""
+    if wander == 0.0:
+        return ux, uy
+    uncertainty = MAX_UNCERTAINTY
+    if coherence > 0.0:
+        uncertainty = min(0.5 * np.sqrt(max(-np.log(coherence), 0.0)), MAX_UNCERTAINTY)
+    angle = min(max(wander * uncertainty * _process(key, s / bend), -MAX_DEVIATION), MAX_DEVIATION)
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * ux - sin * uy, sin * ux + cos * uy
+
+
+@kernel
+def _process(key: np.uint64, s: float) -> float:
+    """A smooth random function of s, standard normal at every s; independent at distances of 2 and more."""
+    knot = int(np.floor(s))
+    t = s - knot
+    angle = 0.5 * np.pi * t * t * (3.0 - 2.0 * t)
+    return float(np.cos(angle) * _normal(key, knot) + np.sin(angle) * _normal(key, knot + 1))
+
+
+@kernel
+def _normal(key: np.uint64, n: int) -> float:
+    """Number n (of any sign) of a key's standard normal numbers: Box and Muller's method on two uniform ones."""
+    first = np.uint64(2 * n)
+    one = (np.float64(splitmix64(key, first) >> np.uint64(11)) + 1.0) * 2.0**-53  # in (0, 1]: it has a logarithm
+    two = np.float64(splitmix64(key, first + np.uint64(1)) >> np.uint64(11)) * 2.0**-53
+    return float(np.sqrt(-2.0 * np.log(one)) * np.cos(2.0 * np.pi * two))
+
+
+@kernel
+def splitmix64(key: np.uint64, n: np.uint64) -> np.uint64:
+    """Number n of the generator SplitMix64 seeded with `key` (Steele, Lea and Flood 2014), without those before it."""
+    z = key + (n + np.uint64(1)) * _GAMMA
+    z = (z ^ (z >> np.uint64(30))) * _MIX_1
+    z = (z ^ (z >> np.uint64(27))) * _MIX_2
+    return z ^ (z >> np.uint64(31))

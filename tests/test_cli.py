@@ -274,6 +274,19 @@ def test_inspect_draws_the_figures(cli: Cli, folder: Path) -> None:
     ]  # fmt: skip
 
 
+def test_inspect_draws_tracts_that_wander(cli: Cli, folder: Path) -> None:
+    for options, name in ((("--wander", "0.5"), "one"), (("--set", "wander=0.5"), "two")):
+        ended = cli(
+            "inspect", folder / "photo.png", "-o", folder / name, *TINY, "--layer", "1", "--count", "9", *options
+        )
+        assert ended.code == 0, ended
+    assert (folder / "one" / "spread.png").read_bytes() == (folder / "two" / "spread.png").read_bytes()
+    still = cli("inspect", folder / "photo.png", "-o", folder / "three", *TINY, "--layer", "1")
+    assert still.code == 0, still
+    assert not (folder / "three" / "spread.png").exists()
+    assert (folder / "one" / "tract.png").read_bytes() == (folder / "three" / "tract.png").read_bytes()
+
+
 def test_montage_makes_a_sheet_of_photos(cli: Cli, folder: Path, picture: NDArray[np.uint8]) -> None:
     photos = folder / "photos"
     photos.mkdir()
@@ -549,6 +562,9 @@ def test_a_bad_size_is_refused(refused: Refused, options: tuple[str, ...], words
         (("inspect", "photo.png", "-o", "figures", "--point", "1;2"), ("'1;2'", "X,Y")),
         (("inspect", "photo.png", "-o", "figures", "--point", "999,1"), ("999,1", "outside")),
         (("inspect", "photo.png", "-o", "figures", "--spacing", "nan"), ("spacing nan",)),
+        (("inspect", "photo.png", "-o", "figures", "--count", "5"), ("wander 0", "up to 1")),
+        (("inspect", "photo.png", "-o", "figures", "--wander", "0.5", "--count", "0"), ("count 0",)),
+        (("inspect", "photo.png", "-o", "figures", "--wander", "2"), ("wander = 2", "<= 1")),
         (("montage", "photo.png", "-o", "out.png", "--columns", "0"), ("columns 0",)),
         (("montage", "photo.png", "-o", "out.png", "--tile", "0"), ("tile 0",)),
     ],

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 from strokeplan import field as field_module
 from strokeplan.field import OrientationField, orientation_field, pyramid_factor, structure_tensor, submit_field
 from strokeplan.image import grey, load_photo
-from strokeplan.tractography import sample
+from strokeplan.tractography import sample, track
 
 
 def stripes(angle: float, period: float, size: int = 96) -> NDArray[np.float32]:
@@ -174,3 +174,159 @@ def test_slivers_have_a_field(shape: tuple[int, int]) -> None:
     picture = np.random.default_rng(7).random(shape).astype(np.float32)
     for sigma in (0.5, 10):
         assert np.isfinite(orientation_field(picture, sigma=sigma).samples).all()
+
+
+# Channels
+
+
+def test_one_channel_is_the_grey_picture() -> None:
+    picture = np.random.default_rng(8).random((60, 50)).astype(np.float32)
+    for sigma in (0.5, 5.0):
+        grey_samples = orientation_field(picture, sigma=sigma).samples
+        assert np.array_equal(orientation_field(picture[..., None], sigma=sigma).samples, grey_samples)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 5.0])
+def test_channels_add_their_tensors(sigma: float) -> None:
+    """Di Zenzo's tensor is blind to a rotation of the channels, and sees what only one of them has."""
+    rng = np.random.default_rng(9)
+    picture = gaussian_filter(rng.random((120, 100, 3)), (2, 2, 0)).astype(np.float32)
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    samples = orientation_field(picture, sigma=sigma).samples
+    rotated = orientation_field((picture @ rotation).astype(np.float32), sigma=sigma).samples
+    assert np.abs(samples[..., 2] - rotated[..., 2]).max() < 2e-3
+    alone = np.stack([np.zeros((96, 96), np.float32), stripes(0.7, 20)], -1)
+    assert np.allclose(
+        orientation_field(alone, sigma=sigma).samples, orientation_field(alone[..., 1], sigma=sigma).samples
+    )
+
+
+def test_opposite_gradients_of_two_channels_do_not_cancel() -> None:
+    ramp = stripes(0.4, 24)
+    both = orientation_field(np.stack([ramp, 1 - ramp], -1), sigma=1.0)
+    assert (orientation_field(ramp + (1 - ramp), sigma=1.0).samples[..., 2] == 0).all()
+    assert degrees_between(both, 0.4).max() < 1.0
+
+
+# Adaptive integration
+
+
+def rings_around(inner: float, size: int = 160) -> NDArray[np.float32]:
+    """Concentric waves around an even disc."""
+    y, x = np.mgrid[:size, :size] + 0.5 - size / 2
+    radius = np.hypot(x, y)
+    return np.where(radius < inner, 0.5, 0.5 + 0.5 * np.sin(radius - inner)).astype(np.float32)
+
+
+def striped_with_gap(angle: float, gap: float) -> NDArray[np.float32]:
+    picture = stripes(angle, 8)
+    y, x = np.mgrid[:96, :96] - 47.5
+    picture[np.hypot(x, y) < gap] = 0.5
+    return picture
+
+
+@given(angle=st.floats(0, np.pi), gap=st.floats(5, 15))
+def test_a_gap_in_stripes_takes_their_direction(angle: float, gap: float) -> None:
+    wide = orientation_field(striped_with_gap(angle, gap), sigma=0.5, max_integration_sigma=16).samples
+    y, x = np.mgrid[:96, :96] - 47.5
+    inside = np.hypot(x, y) < 0.5 * gap
+    dot = np.abs(wide[inside, 0] * np.cos(angle) + wide[inside, 1] * np.sin(angle))
+    # The rim of the gap, whose edges run along the rim, has a small say.
+    assert np.degrees(np.arccos(np.minimum(dot, 1))).max() < 12
+    assert wide[inside, 2].min() > 0.3
+
+
+def test_a_tract_crosses_a_flat_disc_that_stopped_it() -> None:
+    picture = striped_with_gap(0.0, 12)
+    plain, wide = (
+        track(orientation_field(picture, sigma=0.5, max_integration_sigma=m), (20, 48), max_length=150) for m in (0, 16)
+    )
+    assert np.ptp(plain[:, 0]) < 45
+    assert np.ptp(wide[:, 0]) > 80
+    assert np.abs(wide[:, 1] - 48).max() < 2
+
+
+def test_an_even_disc_within_rings_turns_with_them() -> None:
+    samples = orientation_field(rings_around(24), sigma=0.5, max_integration_sigma=32).samples
+    y, x = np.mgrid[:160, :160] - 79.5
+    radius = np.hypot(x, y)
+    radial = np.abs(samples[..., 0] * x + samples[..., 1] * y) / radius
+    inside = (radius > 8) & (radius < 23)
+    assert np.degrees(np.arcsin(np.minimum(radial[inside], 1))).max() < 8
+    assert (samples[radius < 23, 2] > 0).mean() > 0.99
+
+
+def test_what_is_coherent_keeps_its_direction() -> None:
+    picture = rings_around(0)
+    plain, wide = (orientation_field(picture, sigma=0.5, max_integration_sigma=m).samples for m in (0, 16))
+    y, x = np.mgrid[:160, :160] - 79.5
+    clear = (np.hypot(x, y) > 20) & (np.abs(x) < 70) & (np.abs(y) < 70)
+    dot = np.abs((plain[..., :2] * wide[..., :2]).sum(-1))[clear]
+    assert np.degrees(np.arccos(np.minimum(dot, 1))).max() < 2
+
+
+def turning(field: OrientationField) -> float:
+    """Mean turn of tracts in radians per pixel."""
+    turned = travelled = 0.0
+    for x in range(20, field.width - 10, 40):
+        for y in range(20, field.height - 10, 40):
+            steps = np.diff(track(field, (x, y), max_length=60, min_coherence=0), axis=0)
+            heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+            turned += np.abs(np.diff(heading)).sum()
+            travelled += np.hypot(*steps.T).sum()
+    return turned / travelled
+
+
+@pytest.mark.parametrize("sigma", [0.5, 5.0])
+def test_tracts_of_noise_turn_less(sigma: float) -> None:
+    noise = np.random.default_rng(10).random((200, 200)).astype(np.float32)
+    plain, some, most = (turning(orientation_field(noise, sigma=sigma, max_integration_sigma=m)) for m in (0, 8, 32))
+    assert some < 0.8 * plain
+    assert most < 0.6 * plain
+
+
+def test_no_pixel_of_a_photo_is_without_orientation(sample_photo: Path) -> None:
+    picture = grey(load_photo(sample_photo).rgb)
+    picture[:150, :200] = 1.0  # burnt out, far wider than the filters reach
+    assert (orientation_field(picture, sigma=0.5).samples[..., 2] == 0).sum() > 20_000
+    assert (orientation_field(picture, sigma=0.5, max_integration_sigma=4).samples[..., 2] > 0).all()
+
+
+@pytest.mark.parametrize("sigma", [0.5, 10.0])
+def test_even_an_adaptive_average_of_nothing_is_nothing(sigma: float) -> None:
+    samples = orientation_field(np.full((70, 50), 0.3, np.float32), sigma=sigma, max_integration_sigma=8).samples
+    assert np.isfinite(samples).all()
+    assert (samples[..., 2] == 0).all()
+
+
+def test_an_averaging_that_cannot_grow_is_the_plain_one() -> None:
+    picture = np.random.default_rng(11).random((40, 60)).astype(np.float32)
+    plain = orientation_field(picture, sigma=0.5, integration_sigma=2).samples
+    same = orientation_field(picture, sigma=0.5, integration_sigma=2, max_integration_sigma=2).samples
+    assert np.array_equal(plain, same)
+    gradient = orientation_field(picture, sigma=0.5, orientation="gradient").samples
+    wide = orientation_field(picture, sigma=0.5, orientation="gradient", max_integration_sigma=9).samples
+    assert np.array_equal(gradient, wide)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 10.0])
+def test_strips_and_threads_change_nothing_of_an_adaptive_colour_field(
+    monkeypatch: pytest.MonkeyPatch, sigma: float
+) -> None:
+    picture = np.random.default_rng(12).random((500, 90, 3)).astype(np.float32)
+    strips = orientation_field(picture, sigma=sigma, max_integration_sigma=20).samples
+    with ThreadPoolExecutor(3) as pool:
+        threads = submit_field(picture, sigma=sigma, max_integration_sigma=20, executor=pool)().samples
+    monkeypatch.setattr(field_module, "STRIP_ROWS", 10**6)
+    whole = orientation_field(picture, sigma=sigma, max_integration_sigma=20).samples
+    assert np.array_equal(strips, whole)
+    assert np.array_equal(strips, threads)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 2), (2, 300), (300, 2), (5, 3)])
+def test_slivers_have_an_adaptive_field(shape: tuple[int, int]) -> None:
+    picture = np.random.default_rng(13).random(shape).astype(np.float32)
+    for sigma in (0.5, 10):
+        samples = orientation_field(picture, sigma=sigma, max_integration_sigma=50).samples
+        assert np.isfinite(samples).all()
+        assert np.allclose(np.hypot(samples[..., 0], samples[..., 1]), 1)

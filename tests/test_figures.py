@@ -24,6 +24,7 @@ from strokeplan.figures import (
     orientation_figure,
     shrink,
     side_by_side,
+    spread_figure,
     tract_figure,
 )
 from strokeplan.image import Photo, grey
@@ -169,6 +170,18 @@ def test_a_tract_that_goes_nowhere_is_its_seed_alone() -> None:
     figure = tract_figure(photo, np.array([seed]), seed)
     assert not painted(figure, TRACT).any()
     assert painted(figure, SEED).any()
+
+
+def test_a_spread_is_deepest_where_its_tracts_run_together() -> None:
+    """Twenty tracts from one seed: two of them go up, all the others down."""
+    photo, seed = Photo(tile(HEIGHT, WIDTH, 200)), (60.0, 45.0)
+    down, up = np.array([seed, (60.0, 80.0)]), np.array([seed, (60.0, 10.0)])
+    figure = spread_figure(photo, [down] * 18 + [up] * 2, seed).astype(int)
+    below, above, bare = (figure[round(y * ZOOM), round(x * ZOOM)] for x, y in ((60, 65), (60, 25), (20, 25)))
+    assert np.abs(below - 255 * np.array(TRACT)).max() < 12
+    assert below[1] < above[1] - 20
+    assert above[1] < bare[1] - 20
+    assert painted(figure.astype(np.uint8), SEED).any()
 
 
 def test_clearest_point_lies_in_the_clear_part() -> None:

@@ -20,7 +20,9 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, ImageFile
+from skimage.color import rgb2lab
 
+from strokeplan import image
 from strokeplan.errors import ImageError, StrokeplanWarning
 from strokeplan.image import LUMA, MAX_MEGAPIXELS, as_photo, grey, load_photo, photo_files
 
@@ -625,6 +627,26 @@ def test_grey_is_the_weighted_sum() -> None:
     np.testing.assert_allclose(grey(pixels), pixels @ np.array(LUMA) / 255, atol=1e-6)
     np.testing.assert_allclose(grey(pixels, (1 / 3, 1 / 3, 1 / 3)), pixels.mean(axis=2) / 255, atol=1e-6)
     assert grey(pixels).dtype == np.float32
+
+
+def test_lab_is_that_of_scikit_image_over_100(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = random_pixels(40, 6, 3)
+    monkeypatch.setattr(image, "COLOUR_STRIP_ROWS", 16)
+    converted = image.lab(pixels)
+    assert converted.dtype == np.float32
+    np.testing.assert_allclose(converted, rgb2lab(pixels) / 100, atol=1e-5)
+    np.testing.assert_allclose(image.lab(np.full((1, 1, 3), 255, np.uint8))[0, 0], (1, 0, 0), atol=1e-4)
+
+
+def test_hue_is_a_direction_that_fades_without_colour() -> None:
+    pixels = random_pixels(40, 6, 3)
+    _, a, b = np.moveaxis(rgb2lab(pixels), 2, 0)
+    vector = image.hue(pixels)
+    np.testing.assert_allclose(np.arctan2(vector[..., 1], vector[..., 0]), np.arctan2(b, a), atol=1e-3)
+    chroma = np.hypot(a, b)
+    np.testing.assert_allclose(np.hypot(vector[..., 0], vector[..., 1]), chroma / (chroma + 10), atol=1e-4)
+    greys = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, axis=2)
+    assert np.abs(image.hue(greys)).max() < 1e-3
 
 
 # Folders

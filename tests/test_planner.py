@@ -16,8 +16,9 @@ import strokeplan
 from strokeplan import painting
 from strokeplan.canvas import paint_chain, unpack
 from strokeplan.formats import json as strokes_json
-from strokeplan.painting import cell_axis
-from strokeplan.planner import Progress, Report
+from strokeplan.image import as_photo
+from strokeplan.painting import cell_axis, wander_key
+from strokeplan.planner import Progress, Report, layer_field, layer_spread, layer_tract
 from strokeplan.presets import Preset, load_preset
 from strokeplan.strokes import StrokePlan
 
@@ -212,6 +213,71 @@ def test_gradient_orientation_is_another_plan_of_the_same_kind() -> None:
     assert gradient.settings["preset"]["orientation"] == "gradient"
     assert len(gradient) > 0
     assert not np.array_equal(tensor.points, gradient.points)
+
+
+def crimson_and_green() -> Picture:
+    """Two halves of one luminance, to 1e-7: crimson left, green right of x = 60."""
+    picture = np.empty((100, 120, 3), np.uint8)
+    picture[:, :60], picture[:, 60:] = (217, 0, 55), (0, 70, 0)
+    return picture
+
+
+def test_an_edge_between_colours_of_one_luminance_is_seen_in_colour() -> None:
+    layer = {"sigma": 1, "length": 60, "width": 4, "color_threshold": 30}
+    style = load_preset("paper").override({"layers": [layer]})
+    assert len(strokeplan.plan(crimson_and_green(), style)) == 0
+    for channels in ("lab", "hue"):
+        in_colour = style.override({"channels": channels})
+        edge = layer_field(as_photo(crimson_and_green()), in_colour, 1).samples[50, 60]
+        assert abs(edge[1]) > 0.999
+        assert edge[2] > 0.99
+        plan = strokeplan.plan(crimson_and_green(), in_colour)
+        assert len(plan) > 5
+        for chain in plan:
+            assert np.abs(chain[:, 0] - 60).max() < 10
+            assert np.ptp(chain[:, 0]) < 0.1
+            assert np.ptp(chain[:, 1]) > 20
+
+
+def test_a_preset_with_every_option_is_the_same_for_any_number_of_threads() -> None:
+    settings = {"channels": "lab", "max_integration_sigma": 12, "wander": 0.8}
+    style, picture = load_preset("paper").override(settings), blobs(220, 260)
+    first = strokes_json.encode(strokeplan.plan(picture, style, 3, threads=1))
+    assert len(first) > 50_000
+    for threads in (2, 4):
+        assert strokes_json.encode(strokeplan.plan(picture, style, 3, threads=threads)) == first
+
+
+def test_wandering_strokes_leave_the_orientation() -> None:
+    """In the same order of cells, by the same thresholds: it is the tracts that differ."""
+    picture = blobs(120, 120)
+    still, stray = (strokeplan.plan(picture, load_preset("paper").override({"wander": w})) for w in (0, 1))
+    assert len(stray) == pytest.approx(len(still), rel=0.2)
+    assert len(stroke_ends(still) & stroke_ends(stray)) < 0.1 * len(still)
+
+
+def test_plans_seeds_and_layers_have_their_own_keys() -> None:
+    seeds = [(seed, layer) for seed in (0, 1, 2, 10**30, 10**30 + 2**64) for layer in (1, 2)]
+    assert len({int(wander_key(pair)) for pair in seeds}) == len(seeds)
+
+
+def test_a_spread_is_many_tracts_through_one_point() -> None:
+    style = load_preset("paper").override({"wander": 0.5, "coherence": 0.1})
+    field = layer_field(as_photo(blobs(120, 120)), style, 3)
+    tracts = layer_spread(field, style, 3, (60.0, 50.0), 20)
+    assert len(tracts) == 20
+    assert all((tract == (60, 50)).all(axis=1).any() for tract in tracts)
+    assert len({tract.tobytes() for tract in tracts}) == 20
+    again = layer_spread(field, style, 3, (60.0, 50.0), 20)
+    assert [tract.tobytes() for tract in again] == [tract.tobytes() for tract in tracts]
+    other = layer_spread(field, style, 3, (60.0, 50.0), 20, chance=1)
+    assert not {tract.tobytes() for tract in other} & {tract.tobytes() for tract in tracts}
+    calm = style.override({"wander": 0})
+    assert np.array_equal(layer_tract(field, style, 3, (60, 50)), layer_tract(field, calm, 3, (60, 50)))
+    with pytest.raises(strokeplan.InputError, match="wander 0"):
+        layer_spread(field, calm, 3, (60.0, 50.0), 20)
+    with pytest.raises(strokeplan.InputError, match="count 0"):
+        layer_spread(field, style, 3, (60.0, 50.0), 0)
 
 
 def test_progress_and_report() -> None:

@@ -18,7 +18,7 @@ from strokeplan.errors import PresetError
 from strokeplan.presets import LayerPreset, Preset, load_preset, names, parse_assignments, source
 
 # Lengths by the words of the documentation, not by the lists that the code keeps.
-LENGTHS = {"derivative_sigma", "integration_sigma", "step_tolerance", "max_step"}
+LENGTHS = {"derivative_sigma", "integration_sigma", "max_integration_sigma", "step_tolerance", "max_step"}
 LAYER_LENGTHS = {"sigma", "length", "width", "min_length", "simplify_tolerance", "fit_tolerance"}
 
 ONE_LAYER = "[[layers]]\nsigma = 1\nlength = 10\nwidth = 5\ncolor_threshold = 50\n"
@@ -227,12 +227,25 @@ def test_a_value_has_no_parts() -> None:
         ("background", "#12345", "#[0-9a-fA-F]{6}"),
         ("cap", "square", "one of round, butt"),
         ("orientation", "sobel", "one of tensor, gradient"),
+        ("channels", "rgb", "one of grey, lab, hue"),
+        ("wander", 1.1, "<= 1"),
+        ("wander", -0.1, ">= 0"),
+        ("max_integration_sigma", 1e4, "<= 1000"),
     ],
     ids=str,
 )
 def test_a_wrong_value_is_refused_with_its_place_and_what_is_right(key: str, value: Any, right: str) -> None:
     shown = repr(value)[:8]
     refused(lambda: load_preset("paper").override({key: value}), "preset paper", f"{key} = {shown}", right)
+
+
+def test_an_averaging_that_would_shrink_is_refused() -> None:
+    refused(
+        lambda: load_preset("paper").override({"max_integration_sigma": 0.5}),
+        "preset paper", "max_integration_sigma = 0.5", "below integration_sigma = 1", "0 for",
+    )  # fmt: skip
+    for fine in (0, 1, 30):
+        assert load_preset("paper").override({"max_integration_sigma": fine}).max_integration_sigma == fine
 
 
 # Assignments on the command line
@@ -305,7 +318,7 @@ def test_relative_lengths_scale_with_the_photo_and_nothing_else_does() -> None:
 def test_every_number_with_a_unit_is_known_to_be_a_length() -> None:
     """A field that is added must be put on one side or the other."""
     numbers = {field.name for field in msgspec.structs.fields(Preset) if isinstance(field.default, float)}
-    assert numbers == LENGTHS | {"coherence"}
+    assert numbers == LENGTHS | {"coherence", "wander"}
     assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold"}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from strokeplan.field import OrientationField, orientation_field
-from strokeplan.tractography import MAX_STEP_PX, sample, track, tract_capacity
+from strokeplan.tractography import MAX_STEP_PX, sample, splitmix64, track, tract_capacity
 
 
 def analytic_field(
@@ -151,9 +153,13 @@ def test_the_length_is_that_of_the_whole_tract(both_ways: bool, reach: float) ->
 
 
 @given(
-    seed=st.integers(0, 2**32 - 1), both_ways=st.booleans(), aligned=st.booleans(), scale=st.sampled_from([1.0, 4.0])
+    seed=st.integers(0, 2**32 - 1),
+    both_ways=st.booleans(),
+    aligned=st.booleans(),
+    scale=st.sampled_from([1.0, 4.0]),
+    wander=st.sampled_from([0.0, 1.0]),
 )
-def test_any_field_gives_a_sound_tract(seed: int, both_ways: bool, aligned: bool, scale: float) -> None:
+def test_any_field_gives_a_sound_tract(seed: int, both_ways: bool, aligned: bool, scale: float, wander: float) -> None:
     """Random directions and coherences: finite points inside, no long step, no more than the length."""
     rng = np.random.default_rng(seed)
     rows, cols = rng.integers(1, 20, 2)
@@ -162,7 +168,8 @@ def test_any_field_gives_a_sound_tract(seed: int, both_ways: bool, aligned: bool
     width, height = int(cols * scale), int(rows * scale)
     field = OrientationField(samples.astype(np.float32), scale, width, height)
     start = (rng.random() * width, rng.random() * height)
-    tract = track(field, start, max_length=40, min_coherence=0.2, both_ways=both_ways, aligned=aligned)
+    options = {"both_ways": both_ways, "aligned": aligned, "wander": wander, "key": seed}
+    tract = track(field, start, max_length=40, min_coherence=0.2, **options)
     assert np.isfinite(tract).all()
     assert (tract >= 0).all()
     assert (tract <= (width, height)).all()
@@ -170,3 +177,82 @@ def test_any_field_gives_a_sound_tract(seed: int, both_ways: bool, aligned: bool
     assert np.hypot(*np.diff(tract, axis=0).T).max(initial=0) <= 1.5 * MAX_STEP_PX
     assert length(tract) <= 40 * 1.01
     assert len(tract) <= tract_capacity(40)
+
+
+# Wandering
+
+
+def headings(tract: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.arctan2(*np.diff(tract, axis=0).T[::-1])
+
+
+@pytest.mark.parametrize(("coherence", "wander"), [(0.9, 1.0), (0.6, 1.0), (0.6, 0.5), (0.3, 0.5)])
+def test_headings_deviate_as_the_coherence_says(coherence: float, wander: float) -> None:
+    """Doubled angles of mean resultant length √coherence, wrapped normal: half their deviation, times wander."""
+    field = analytic_field(400, 400, 0.3, coherence)
+    options = {"max_length": 60, "min_coherence": 0.0, "wander": wander, "bend": 20.0, "both_ways": False}
+    tracts = [track(field, (200, 200), max_step=0.5, key=key, **options) for key in range(1500)]
+    expected = wander * 0.5 * np.sqrt(-2 * np.log(np.sqrt(coherence)))
+    for at in (0, 17, 50, 80, 110):  # at knots and between them
+        angles = np.array([headings(tract[at : at + 2])[0] for tract in tracts]) - 0.3
+        assert angles.std() == pytest.approx(expected, rel=0.08)
+        assert abs(angles.mean()) < 4 * expected / np.sqrt(1500)
+
+
+def test_full_coherence_leaves_nothing_to_chance() -> None:
+    field = analytic_field(100, 100, 0.3)
+    assert np.array_equal(track(field, (50, 50), max_length=50, wander=1.0), track(field, (50, 50), max_length=50))
+
+
+def test_no_uncertainty_turns_a_tract_back() -> None:
+    field = analytic_field(400, 400, 0.0, 0.0)
+    for key in range(50):
+        tract = track(field, (200, 200), max_length=80, min_coherence=0, wander=1.0, key=key, both_ways=False)
+        assert (np.diff(tract[:, 0]) > -1e-6).all()
+
+
+def test_without_wander_the_key_means_nothing() -> None:
+    field = rings(100, coherence=0.6)
+    tract = track(field, (80, 50), max_length=60)
+    assert np.array_equal(track(field, (80, 50), max_length=60, wander=0.0, key=9, bend=3.0), tract)
+
+
+def test_the_same_key_is_the_same_tract_and_another_another() -> None:
+    field = rings(100, coherence=0.6)
+
+    def tract(key: int) -> NDArray[np.float64]:
+        return track(field, (80, 50), max_length=60, wander=0.7, key=key)
+
+    one_by_one = [tract(key) for key in range(40)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(tract, reversed(range(40))))[::-1]
+    for first, second in zip(one_by_one, together, strict=True):
+        assert np.array_equal(first, second)
+    ends = np.array([points[-1] for points in one_by_one])
+    assert len(np.unique(ends.round(3), axis=0)) == 40
+
+
+def test_steps_do_not_change_a_wandering_tract() -> None:
+    """The deviation belongs to the arc length: shorter steps come to the same tract."""
+    field = rings(300, coherence=0.7)
+    ends = [
+        track(field, (230, 150), max_length=60, wander=1.0, key=5, max_step=step, tolerance=1e-4, both_ways=False)[-1]
+        for step in (2.0, 1.0, 0.5)
+    ]
+    assert np.abs(np.array(ends) - ends[-1]).max() < 0.02
+
+
+def test_a_wandering_tract_is_smooth_through_its_seed() -> None:
+    field = analytic_field(400, 400, 0.3, 0.5)
+    strays = []
+    for key in range(30):
+        tract = track(field, (200, 200), max_length=80, wander=1.0, bend=20, max_step=0.5, key=key)
+        turns = np.diff(np.unwrap(headings(tract)))
+        assert np.abs(turns).max() < 0.2
+        strays.append(np.abs(headings(tract) - 0.3).max())
+    assert np.median(strays) > 0.4
+
+
+def test_splitmix64_gives_the_published_numbers() -> None:
+    numbers = [int(splitmix64(np.uint64(0), np.uint64(n))) for n in range(3)]
+    assert numbers == [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F]

@@ -27,16 +27,24 @@ def inspect(
     spacing: Annotated[
         float | None, typer.Option("--spacing", help="Pixels between arrows; by default by size.")
     ] = None,
+    wander: Annotated[
+        float | None, typer.Option("--wander", help="How far tracts stray, 0 to 1; by default as the preset says.")
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", help="Also so many tracts that wander from the one seed.")
+    ] = None,
     compare: Annotated[bool, typer.Option("--compare", help="Also gradient beside tensor strokes (Figure 3).")] = False,
 ) -> None:
-    """Draw orientation, coherence and one tract of a photo, as the paper's Figures 2 and 3."""
+    """Draw orientation, coherence and tracts of a photo, as the paper's Figures 2 and 3."""
     from strokeplan import figures, formats, presets, rendering
     from strokeplan.image import load_photo
-    from strokeplan.planner import layer_field, layer_tract, plan
+    from strokeplan.planner import layer_field, layer_spread, layer_tract, plan
 
     rendering.require_cairo()
     formats.check_folder(output)
     style = presets.style(preset, settings)
+    if wander is not None:
+        style = style.override({"wander": wander})
     photo = load_photo(image)
     compile_kernels()
     field = layer_field(photo, style, layer)
@@ -47,6 +55,9 @@ def inspect(
         "coherence.png": figures.coherence_figure(field),
         "tract.png": figures.tract_figure(photo, tract, start),
     }
+    if count is not None:
+        spread = layer_spread(field, style, layer, start, count, seed)
+        pictures["spread.png"] = figures.spread_figure(photo, spread, start)
     if compare:
         sides = [rendering.render(plan(photo, style, seed, orientation=kind)) for kind in ("gradient", "tensor")]
         pictures["compare.png"] = figures.side_by_side(sides)
