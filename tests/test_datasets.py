@@ -15,6 +15,7 @@ from conftest import DATA
 import strokeplan
 from strokeplan.evaluate import Figures, compare
 from strokeplan.image import photo_files
+from strokeplan.importance import faces
 from strokeplan.planner import Report
 
 pytestmark = pytest.mark.slow
@@ -61,3 +62,10 @@ def test_preset_paper_published_looks_like_the_published_pictures(name: str, pub
     assert ssim < 0.05
     assert rgb < 3.5
     assert np.mean(cubics) > 150_000
+
+
+def test_faces_are_found_in_portraits_and_nowhere_else() -> None:
+    """Of the other photos, two show a face from the front that is not half hidden or bearded: a statue's is one."""
+    assert [path.name for path in photos("NPRportrait1") if not faces(strokeplan.load_photo(path).rgb).any()] == []
+    found = [path.name for path in photos("NPRgeneral") if faces(strokeplan.load_photo(path).rgb).any()]
+    assert found == ["angel1024.jpg", "rim1024.jpg"]

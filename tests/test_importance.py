@@ -295,13 +295,14 @@ def test_the_common_part_of_windows_is_counted(windows: NDArray[np.int64]) -> No
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_windows_are_voted_on_whatever_their_order(monkeypatch: pytest.MonkeyPatch, order: int) -> None:
-    """Threads of the cascade find windows in any order: four agree, one lies within, three are too few."""
-    agreed = [(100, 60, 80), (104, 60, 80), (100, 64, 80), (104, 64, 80)]
-    stray = [(130, 90, 24), (10, 10, 40), (12, 10, 40), (10, 12, 40)]
+    """Threads of the cascade find windows in any order: five agree, four lie within, three are too few."""
+    agreed = [(100, 60, 80), (104, 60, 80), (102, 62, 80), (100, 64, 80), (104, 64, 80)]
+    within = [(130, 90, 24), (131, 90, 24), (130, 91, 24), (131, 91, 24)]
+    few = [(10, 10, 40), (12, 10, 40), (10, 12, 40)]
 
     class Found:
         def detect_multi_scale(self, *_: Any) -> list[dict[str, int]]:
-            return [{"c": x, "r": y, "width": side} for x, y, side in (agreed + stray)[::order]]
+            return [{"c": x, "r": y, "width": side} for x, y, side in (within + agreed + few)[::order]]
 
     monkeypatch.setattr(importance, "_cascade", Found)
     np.testing.assert_allclose(importance._face_windows(plain(640, 640)), [[204, 124, 160]])
