@@ -37,7 +37,7 @@ STARTS = 5
 STARTED_CLUSTERS = 64
 """No more runs than begin with this many clusters in all: they take long for large palettes, and matter less."""
 CANDIDATES = 32
-"""A larger palette is compared in part. One colour in a thousand then misses its nearest, by 1 or 2 units at most."""
+"""A larger palette is compared in part. One colour in some hundreds then misses its nearest, by less than 3 units."""
 COMPARE_BLOCK = 8192
 """Colours compared with a palette at once: 2 MB for each of some twenty terms."""
 GAMUT_TOLERANCE = 0.02

@@ -19,6 +19,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from strokeplan.color_settings import HexColor
+from strokeplan.color_settings import ColorStyle, HexColor, LayerColors
 from strokeplan.errors import PresetError
 
 MAX_LENGTH = 1e5
@@ -28,8 +29,8 @@ Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
 PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
 
 
-class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One layer of strokes; everything but color_threshold is a length."""
+class LayerPreset(LayerColors, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One layer of strokes, and how its colours depart from the photo's."""
 
     sigma: Length
     """Standard deviation of the blur at which the orientation is measured (Table 1: scale factor σ)."""
@@ -37,8 +38,8 @@ class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Longest tract (Table 1)."""
     width: Annotated[float, Meta(ge=0.1, le=MAX_LENGTH)]
     """Width of the brush, and side of the grid's cells (Table 1)."""
-    color_threshold: Annotated[float, Meta(ge=0, le=442)]
-    """A cell is tried when the mean RGB distance of photo and canvas exceeds this (Table 1)."""
+    color_threshold: Annotated[float, Meta(ge=0, le=442)] = 0.0
+    """A cell is tried when the mean RGB distance of photo and canvas exceeds this (Table 1), if not by gain."""
     min_length: Length = 0.0
     """Tracts shorter than this are dropped."""
     simplify_tolerance: Length = 0.25
@@ -47,10 +48,10 @@ class LayerPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Furthest that a fitted curve may stray from the simplified tract."""
 
 
-LAYER_LENGTHS = tuple(name for name in LayerPreset.__struct_fields__ if name != "color_threshold")
+LAYER_LENGTHS = ("sigma", "length", "width", "min_length", "simplify_tolerance", "fit_tolerance")
 
 
-class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A style: everything the planner needs beside the photo and the seed."""
 
     layers: Annotated[tuple[LayerPreset, ...], Meta(min_length=1, max_length=32)]
@@ -81,6 +82,30 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     wander: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """How far tracts stray from the orientation, as a part of its uncertainty; 0: not at all."""
 
+    keep: Literal["threshold", "gain"] = "threshold"
+    """A stroke is kept where its cell differs from the photo by more than the layer's threshold; or for what it
+    improves, in the stretch of its tract that improves most."""
+    gain: Annotated[float, Meta(ge=0.01, le=1e6)] = 30.0
+    """Least part of the picture's error, in millionths, that a stroke must take away to be kept by gain."""
+    cover: bool = False
+    """The first layer covers every pixel of the canvas."""
+    seeding: Literal["grid", "worst-first", "error", "even"] = "grid"
+    """Where strokes are tried: at the centres of cells in random order; at the worst pixels of the worst cells
+    first; at random, with a probability proportional to the present error; evenly spaced."""
+    separation: Annotated[float, Meta(ge=0.1, le=100)] = 1.0
+    """Distance of evenly spaced strokes, in widths of their brush."""
+    importance: tuple[Literal["faces", "saliency"], ...] = ()
+    """What says where detail matters, if no mask does."""
+    importance_strength: Annotated[float, Meta(ge=0, le=1)] = 0.5
+    """How much more it matters there: at 1 error counts four times as much as on neutral ground, and brushes are
+    half as wide; where detail matters least, the other way round."""
+    regions: Annotated[int, Meta(ge=0, le=10_000)] = 0
+    """Regions of similar colour whose borders no tract crosses; 0: tracts cross everything."""
+    thin: Annotated[float, Meta(ge=0, le=442)] = 0.0
+    """Strokes that differ from what lies below them by less than this mean RGB distance are left out."""
+    pressure: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """How much the pressure of the brush varies along a stroke; 0: not at all."""
+
     # Where the author's published pictures leave the text, the second value reproduces them.
     color_test: Literal["rgb", "unscaled"] = "rgb"
     """Photo and canvas compared in 0..255, or the photo in 0..1 against the canvas in 0..255."""
@@ -101,6 +126,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     cap: Literal["round", "butt"] = "round"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if 0 < self.max_integration_sigma < self.integration_sigma:
             raise ValueError(
                 f"max_integration_sigma = {self.max_integration_sigma:g} is below integration_sigma = "
