@@ -10,36 +10,37 @@ Needs the extra `peers`.
 from __future__ import annotations
 
 import io
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import resvg_py
-import vtracer
 from numpy.typing import NDArray
 from PIL import Image
-from results import ROOT, Result
+from results import ROOT, SAMPLES, Job, Result, measured, run, save_chart, table
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 import strokeplan
 from strokeplan.formats.svg import encode
-from strokeplan.image import Photo
+from strokeplan.image import Photo, photo_files
 from strokeplan.planner import warm_up
 
 STYLE = "fine"
 BUDGETS = (100, 1_000, 2_000, 10_000, 50_000)
+COMPACT = {"color_precision": 8, "path_precision": 2}
+"""All bits of a colour, and coordinates to 1/100 of a pixel as ours: nearer and smaller than vtracer's default."""
 VTRACER: dict[str, dict[str, Any]] = {
-    "speckle 64, 3 bits": {"filter_speckle": 64, "color_precision": 3, "layer_difference": 48},
-    "speckle 32, 4 bits": {"filter_speckle": 32, "color_precision": 4, "layer_difference": 32},
-    "speckle 16, 5 bits": {"filter_speckle": 16, "color_precision": 5, "layer_difference": 24},
-    "speckle 8": {"filter_speckle": 8},
     "default": {},
-    "speckle 2, 7 bits": {"filter_speckle": 2, "color_precision": 7, "layer_difference": 8},
-    "speckle 1, 8 bits": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
+    "photo": {"filter_speckle": 10, "color_precision": 8, "layer_difference": 48, "corner_threshold": 180},
+    **{f"speckle {size}": {**COMPACT, "filter_speckle": size} for size in (64, 32, 16, 8, 4, 2)},
+    "speckle 1, layers of 4": {**COMPACT, "filter_speckle": 1, "layer_difference": 4},
+    "speckle 0, layers of 0": {**COMPACT, "filter_speckle": 0, "layer_difference": 0},
 }
-"""Settings from a poster to nearly the photo; the rest is vtracer's default."""
+"""Its default, its preset for photos, and settings from a poster to nearly the photo; the rest is its default."""
 
 
 class Known(NamedTuple):
@@ -86,6 +87,8 @@ def strokes(photo: Photo, path: Path, asked: dict[str, Any]) -> Callable[[], Pic
 
 
 def traced(photo: Photo, path: Path, asked: dict[str, Any]) -> Callable[[], Picture]:
+    import vtracer
+
     svg = vtracer.convert_raw_image_to_svg(path.read_bytes(), img_format=path.suffix[1:], **asked["settings"])
     return lambda: Picture(rasterise(svg, photo), svg.count("<path"), len(svg.encode()))
 
@@ -163,10 +166,11 @@ def main() -> None:
 def page(by_photo: dict[Path, list[tuple[dict[str, Any], Result]]]) -> str:
     parts = [
         "# Likeness for a budget of strokes\n\nMade by `python benchmarks/budget.py FOLDER…`, means over "
-        f"{len(by_photo)} photos. Style `{STYLE}` with at most N strokes; vtracer {version('vtracer')} in settings from "
-        "coarse to fine; a mosaic of N squares of their mean colour, one `<rect>` each. An element is a stroke, a path or "
-        "a square. Vector pictures are rasterised by resvg at the photo's size. CPU seconds on one thread, without "
-        "reading and rasterising.\n\n![PSNR against elements and against bytes](budget/budget.svg)\n",
+        f"{len(by_photo)} photos. Style `{STYLE}` with at most N strokes; vtracer {version('vtracer')} by default, for "
+        "photos, and from coarse to fine; a mosaic of N squares of their mean colour, one `<rect>` each. An element is "
+        "a stroke, a square, or a path of vtracer, which may have thousands of points: bytes compare what they take. "
+        "Vector pictures are rasterised by resvg at the photo's size. CPU seconds are of one thread, from the photo to "
+        "the SVG.\n\n![PSNR against elements and against bytes](budget/budget.svg)\n",
         table(HEADER, [mean_row(name, results) for name, results in by_tool(by_photo).items()]),
         "## At equal budgets\n\nPSNR of ours less the peer's where it has as many elements, or as many bytes, as ours "
         "(interpolated between its settings, linear in the logarithm), and how many times our elements and bytes it "
@@ -174,12 +178,12 @@ def page(by_photo: dict[Path, list[tuple[dict[str, Any], Result]]]) -> str:
         "number in brackets; – where on none.\n",
         table(EQUAL_HEADER, equal_rows(by_photo)),
     ]
-    for path in by_photo:
-        if path.stem in PRIMITIVE:
-            parts.append(
-                f"## {path.stem}, beside fogleman/primitive\n\nIts published figures; – where a size is not known.\n\n"
-                + table(HEADER, [known_row(known) for known in PRIMITIVE[path.stem]] + photo_rows(by_photo[path]))
-            )
+    parts += [
+        f"## {path.stem}, beside fogleman/primitive\n\nIts published figures; – where a size is not known.\n\n"
+        + table(HEADER, [known_row(known) for known in PRIMITIVE[path.stem]] + photo_rows(by_photo[path]))
+        for path in by_photo
+        if path.stem in PRIMITIVE
+    ]
     return "\n".join(parts)
 
 
@@ -287,8 +291,8 @@ def chart(by_photo: dict[Path, list[tuple[dict[str, Any], Result]]]) -> None:
         for tool in TOOLS:
             chosen = [results for name, results in grouped.items() if name.startswith(tool)]
             x, y = (np.array([[r[key] for r in results] for results in chosen]) for key in (size, "psnr_db"))
-            # Sizes are averaged as they are drawn: by their logarithms.
-            panel.plot(np.exp(np.log(x).mean(axis=1)), y.mean(axis=1), marker="o", ms=4, label=tool)
+            # Sizes are averaged as they are drawn: by their logarithms. Points, because settings are no sequence.
+            panel.plot(np.exp(np.log(x).mean(axis=1)), y.mean(axis=1), "o", ms=4, label=tool)
         panel.set_xscale("log")
         panel.set_xlabel(title)
         panel.grid(visible=True, lw=0.4)

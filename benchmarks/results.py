@@ -23,7 +23,6 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 import strokeplan
 from strokeplan.formats import write
@@ -107,6 +106,8 @@ def run(main: Callable[[], None]) -> None:
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """Mean, and half of its 95 % confidence interval by Student's t; infinite for a single value."""
+    from scipy.stats import t as student
+
     n = len(values)
     half = student.ppf(0.975, n - 1) * np.std(values, ddof=1) / math.sqrt(n) if n > 1 else math.inf
     return float(np.mean(values)), float(half)

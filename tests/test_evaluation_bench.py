@@ -1,136 +1,45 @@
-"""The benchmarks' machinery: what is measured is kept and not measured again, and variants are what they say."""
+"""The benchmarks of likeness: results have names of their own, variants and peers are what they say."""
 
 from __future__ import annotations
 
 import math
-import os
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from conftest import ROOT
 
+from strokeplan.formats.svg import encode
+from strokeplan.image import Photo
 from strokeplan.presets import load_preset
+from strokeplan.rendering import paint
+from strokeplan.strokes import StrokePlan
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import budget
 import evaluation
 import results
 
-Job = tuple[Path, dict[str, Any]]
 
-
-def logged(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
-    """A measurement that leaves a trace beside the photo; slow or broken if it is asked to be."""
-    with (path.parent / "log").open("a") as log:
-        log.write(f"{path.name} {asked['value']}\n")
-    time.sleep(asked.get("seconds", 0))
-    if asked["value"] == "broken":
-        raise ValueError("this one cannot be measured")
-    return {"size": path.stat().st_size, "value": asked["value"]}
-
-
-def photos(folder: Path, count: int) -> list[Path]:
-    paths = [folder / f"{k}.jpg" for k in range(count)]
-    for k, path in enumerate(paths):
-        path.write_bytes(b"photo" * (k + 1))
-    return paths
-
-
-def log(folder: Path) -> list[str]:
-    return sorted((folder / "log").read_text().splitlines())
-
-
-@pytest.fixture
-def kept(tmp_path: Path) -> Path:
-    return tmp_path / "kept"
-
-
-def test_what_was_measured_is_not_measured_again(tmp_path: Path, kept: Path) -> None:
-    first, second = photos(tmp_path, 2)
-    jobs: list[Job] = [(second, {"value": 1}), (first, {"value": 1}), (second, {"value": 1})]
-    told = results.measured(logged, jobs, kept)
-    assert told == [{"size": 10, "value": 1}, {"size": 5, "value": 1}, {"size": 10, "value": 1}]
-    assert log(tmp_path) == ["0.jpg 1", "1.jpg 1"]
-    assert [len(file.read_text().splitlines()) for file in kept.iterdir()] == [1, 1]
-
-    more: list[Job] = [*jobs, (first, {"value": 2})]
-    assert results.measured(logged, more, kept) == [*told, {"size": 5, "value": 2}]
-    assert log(tmp_path) == ["0.jpg 1", "0.jpg 2", "1.jpg 1"]
-
-
-def test_a_failure_leaves_what_was_measured(tmp_path: Path, kept: Path) -> None:
-    (path,) = photos(tmp_path, 1)
-    sound: list[Job] = [(path, {"value": value}) for value in (1, 2)]
-    with pytest.raises(ValueError, match="cannot be measured"):
-        results.measured(logged, [*sound, (path, {"value": "broken", "seconds": 1})], kept)
-    results.measured(logged, sound, kept)
-    assert log(tmp_path) == ["0.jpg 1", "0.jpg 2", "0.jpg broken"]
-
-
-RUN = """
-import sys
-sys.path[:0] = [{tests!r}, {benchmarks!r}]
-from pathlib import Path
-import results, test_evaluation_bench as bench
-if __name__ == "__main__":
-    path = Path({photo!r})
-    jobs = [(path, dict(value=k, seconds=0 if k < 2 else 60)) for k in range(6)]
-    results.run(lambda: results.measured(bench.logged, jobs, Path({kept!r})))
-"""
-
-
-def test_a_killed_run_goes_on_where_it_was(tmp_path: Path, kept: Path) -> None:
-    """And its workers do not outlive it."""
-    (path,) = photos(tmp_path, 1)
-    script = tmp_path / "script.py"
-    names = {"tests": str(ROOT / "tests"), "benchmarks": str(ROOT / "benchmarks")}
-    script.write_text(RUN.format(photo=str(path), kept=str(kept), **names))
-    with subprocess.Popen([sys.executable, script], stderr=subprocess.DEVNULL, start_new_session=True) as run:
-        try:
-            wait_for(lambda: (tmp_path / "log").exists() and len(log(tmp_path)) == 4)
-            wait_for(lambda: len(list(kept.glob("*.json"))) == 2)
-            run.kill()
-            run.wait(timeout=10)
-            wait_for(lambda: not alive(run.pid))
-        finally:
-            if alive(run.pid):
-                os.killpg(run.pid, signal.SIGKILL)
-    jobs: list[Job] = [(path, {"value": k, "seconds": 0}) for k in range(2)]
-    assert [result["value"] for result in results.measured(logged, jobs, kept)] == [0, 1]
-    assert len(log(tmp_path)) == 4  # nothing was measured again
-
-
-def wait_for(done: Any) -> None:
-    for _ in range(600):
-        if done():
-            return
-        time.sleep(0.1)
-    pytest.fail("waited for a minute")
-
-
-def alive(session: int) -> bool:
-    """Whether a process of a session is left that does anything (a zombie does not)."""
-    states = subprocess.run(
-        [need_program("ps"), "-o", "stat=", "-s", str(session)], capture_output=True, text=True
-    ).stdout.split()
-    return any(not state.startswith("Z") for state in states)
+def asked(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
+    """Another measurement than the benchmark's."""
+    return asked
 
 
 def test_a_result_is_named_by_all_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second = photos(tmp_path, 2)
+    first, second = tmp_path / "1.jpg", tmp_path / "2.jpg"
+    first.write_bytes(b"one")
+    second.write_bytes(b"two")
     paper = load_preset("paper")
 
-    def name(photo: Path = first, measure: Any = logged, **asked: Any) -> str:
-        return results.digest(measure, *evaluation.job(photo, paper.override(asked)))
+    def name(photo: Path = first, measure: Any = evaluation.measure, **change: Any) -> str:
+        return results.digest(measure, *evaluation.job(photo, paper.override(change)))
 
-    names = [name(), name(second), name(measure=evaluation.measure), name(coherence=0.4), name(**{"layers.2.width": 9})]
+    names = [name(), name(second), name(measure=asked), name(coherence=0.4), name(**{"layers.2.width": 9})]
     monkeypatch.setattr(evaluation, "SEED", 1)
     names.append(name())
     monkeypatch.undo()
@@ -140,19 +49,6 @@ def test_a_result_is_named_by_all_it_depends_on(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(results, "sources_digest", lambda: "changed")
     names.append(name())
     assert len(set(names)) == len(names) == 7
-
-
-def test_sources_are_the_package_s_modules(tmp_path: Path) -> None:
-    def digest(**files: str) -> str:
-        folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        (folder / "inner").mkdir(parents=True)
-        for name, text in files.items():
-            (folder / name.replace("_", "/").replace("-", ".")).write_text(text)
-        return results.sources_digest(folder)
-
-    sources = {"a-py": "1", "inner_b-py": "2"}
-    assert digest(**sources) == digest(**sources, **{"paper-toml": "x"})
-    assert len({digest(**sources), digest(**{**sources, "inner_b-py": "3"}), digest(**{"a-py": "1"})}) == 3
 
 
 def test_a_variant_is_its_base_with_values_replaced() -> None:
@@ -188,3 +84,52 @@ def test_an_interval_is_student_s() -> None:
     mean, half = results.mean_interval(list(values))
     assert (mean, half) == (4.5, pytest.approx(2.262 * values.std(ddof=1) / math.sqrt(10), rel=1e-3))
     assert results.mean_interval([3.0]) == (3.0, math.inf)
+
+
+# Budgets
+
+
+@pytest.mark.parametrize("count", [1, 6, 50, 24, 10_000])
+def test_a_mosaic_has_the_mean_colour_of_every_square(count: int) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (12, 18, 3), dtype=np.uint8)
+    picture = budget.mosaic(Photo(rgb), Path(), {"budget": count})()
+    assert picture.elements <= count
+    assert picture.pixels.shape == rgb.shape
+    if count == 1:
+        assert np.array_equal(picture.pixels[0, 0], np.rint(rgb.mean(axis=(0, 1))))
+        assert picture.svg_bytes == len(
+            '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 18 12">'
+            '<rect x="0" y="0" width="18" height="12" fill="#000000"/></svg>'
+        )
+    if count == 6:  # 3 × 2 squares of 6 pixels
+        assert picture.elements == 6
+        assert np.array_equal(picture.pixels[6:, 12:], np.broadcast_to(np.rint(rgb[6:, 12:].mean((0, 1))), (6, 6, 3)))
+    if count == 10_000:
+        assert np.array_equal(picture.pixels, rgb)
+
+
+def test_a_picture_is_rasterised_at_the_photo_s_size(small_plan: StrokePlan) -> None:
+    theirs = budget.rasterise(encode(small_plan).decode(), Photo(np.zeros((64, 96, 3), np.uint8)))
+    assert np.abs(theirs.astype(int) - paint(small_plan, 96, 64)).mean() < 4
+    with pytest.raises(ValueError, match="rasterised to"):
+        budget.rasterise(encode(small_plan).decode(), Photo(np.zeros((64, 97, 3), np.uint8)))
+
+
+def test_a_peer_is_read_between_its_settings() -> None:
+    """10 dB for every tenfold size; a setting that is larger and worse is left out."""
+    known: list[dict[str, Any]] = [
+        {"elements": size, "psnr_db": psnr} for size, psnr in ((10_000, 40.0), (100, 20.0), (500, 15.0), (1_000, 30.0))
+    ]
+    assert budget.psnr_at(known, "elements", 10**2.5) == pytest.approx(25)
+    assert budget.size_at(known, "elements", 35) == pytest.approx(10**3.5)
+    assert math.isnan(budget.psnr_at(known, "elements", 99))
+    assert math.isnan(budget.size_at(known, "elements", 41))
+    assert budget.averaged([1.0, math.nan, 2.0], "{:.1f} dB") == "1.5 dB (2)"
+    assert budget.averaged([math.nan], "{:.1f} dB") == "–"
+
+
+def test_published_figures_name_photos_and_need_no_size() -> None:
+    (row,) = [budget.known_row(known) for known in budget.PRIMITIVE["tomato1024"] if known.elements == 100]
+    assert row[:4] == ["primitive, triangles", "100", "8,000", "20.30 dB"]
+    (row,) = [budget.known_row(known) for known in budget.PRIMITIVE["cat1024"] if known.elements == 100]
+    assert (row[2], row[-1]) == ("–", "–")
