@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from results import table
 from timing import STROKEPLAN, median, repeated, run, tiled_photo
 
 import strokeplan
@@ -45,11 +46,6 @@ def main() -> None:
     print(page)
     if "--write" in sys.argv:
         PAGE.write_text(page)
-
-
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = ["| " + " | ".join(row) + " |" for row in (header, ("---",) * len(header), *rows)]
-    return "\n".join(lines) + "\n"
 
 
 def planning(folder: Path) -> str:

@@ -32,6 +32,8 @@ from PIL import Image
 import strokeplan
 from strokeplan.cli import main
 from strokeplan.errors import ImageError
+from strokeplan.evaluate import COLUMNS
+from strokeplan.presets import names
 
 COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "montage", "presets")
 FORMATS = (".json", ".json.gz", ".svg", ".svgz", ".png")
@@ -255,15 +257,92 @@ def test_info_says_what_is_in_a_file(cli: Cli, folder: Path, strokes: dict[str, 
     assert "preset paper, seed 1" in ended.out
 
 
-def test_evaluate_gives_three_figures(cli: Cli, planned: tuple[Path, Ended]) -> None:
-    ended = cli("evaluate", planned[0] / "out.json", planned[0] / "photo.png")
+def test_evaluate_gives_its_figures(cli: Cli, planned: tuple[Path, Ended]) -> None:
+    plan, photo = planned[0] / "out.json", planned[0] / "photo.png"
+    ended = cli("evaluate", plan, photo)
     assert (ended.code, ended.err) == (0, "")
-    assert ended.out.startswith("PSNR ")
-    words = ended.out.split()
-    psnr, ssim, distance = float(words[1]), float(words[4]), float(words[-1])
-    assert 5 < psnr < 50
-    assert 0 < ssim < 1
-    assert 0 < distance < 200
+    shown = {line[:13].strip(): line[13:].split()[0] for line in ended.out.splitlines()}
+    assert list(shown) == [heading for heading, _ in COLUMNS.values()]
+    assert 5 < float(shown["PSNR"]) < 50
+    assert 0 < float(shown["SSIM"]) < 1
+    assert 0 < float(shown["RGB distance"]) < 200
+    told = json.loads(cli("evaluate", plan, photo, "--json").out)
+    assert list(told) == list(COLUMNS)
+    assert told["psnr_db"] == pytest.approx(float(shown["PSNR"]), abs=0.005)
+    assert told["strokes"] == int(shown["strokes"].replace(",", ""))
+    assert told["svg_bytes"] == (planned[0] / "out.svg").stat().st_size
+    assert told["svgz_bytes"] == (planned[0] / "out.svgz").stat().st_size
+
+
+def test_evaluate_writes_json_that_anyone_can_read(cli: Cli, folder: Path) -> None:
+    """A perfect picture of 2 × 2 pixels has an infinite PSNR and no SSIM."""
+    (folder / "white.png").write_bytes(png(np.full((2, 2, 3), 255, np.uint8)))
+    assert cli("plan", folder / "white.png", "-o", folder / "white.json").code == 0
+    ended = cli("evaluate", folder / "white.json", folder / "white.png", "--json")
+    told = json.loads(ended.out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    assert (told["psnr_db"], told["ssim"], told["rgb_8bit"], told["uncovered_percent"]) == (None, None, 0, 100)
+
+
+@pytest.fixture
+def photos(folder: Path, picture: NDArray[np.uint8]) -> Path:
+    """A folder of two photos."""
+    photos = folder / "photos"
+    photos.mkdir()
+    (photos / "a.png").write_bytes(png(picture))
+    (photos / "b.png").write_bytes(png(picture[::-1]))
+    return photos
+
+
+def test_evaluate_compares_presets_on_a_set(cli: Cli, photos: Path, folder: Path) -> None:
+    (folder / "mine.toml").write_text(
+        "[[layers]]\nsigma = 1\nlength = 20\nwidth = 8\ncolor_threshold = 20\n", encoding="utf-8"
+    )
+    styles = ("--preset", "paper", "--preset", str(folder / "mine.toml"))
+    ended = cli("evaluate", "--set", photos, *styles)
+    assert ended.code == 0, ended
+    assert [line.split(":")[0] for line in ended.complaints] == [f"{p}.png, {s}" for p in "ab" for s in styles[1::2]]
+    header, *rows = ended.out.splitlines()
+    assert header.split()[:3] == ["photo", "preset", "PSNR"]
+    assert [row.split()[0] for row in rows] == ["a.png", "a.png", "b.png", "b.png", "mean", "mean"]
+    assert len({len(row) for row in rows} | {len(header)}) == 1
+
+    told = json.loads(cli("evaluate", "--set", photos, *styles, "--json").out)
+    assert [(one["photo"], one["preset"]) for one in told["photos"]] == [
+        (f"{photo}.png", style) for photo in "ab" for style in styles[1::2]
+    ]
+    for style in styles[1::2]:
+        for name in COLUMNS:
+            figures = [one[name] for one in told["photos"] if one["preset"] == style]
+            assert told["means"][style][name] == pytest.approx(sum(figures) / 2)
+    cli("plan", photos / "a.png", "-o", folder / "a.json", "-p", "paper")
+    alone = json.loads(cli("evaluate", folder / "a.json", photos / "a.png", "--json").out)
+    assert told["photos"][0] == {"photo": "a.png", "preset": "paper"} | alone
+
+
+def test_evaluate_takes_all_presets_by_default(cli: Cli, photos: Path) -> None:
+    told = json.loads(cli("evaluate", "--set", photos, "--json").out)
+    assert list(told["means"]) == names()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), ("PLAN and IMAGE", "--set DIR")),
+        (("plan.json",), ("PLAN and IMAGE", "--set DIR")),
+        (("plan.json", "photo.png", "--set", "empty"), ("not both", "plan.json", "empty")),
+        (("plan.json", "photo.png", "--preset", "paper"), ("--preset paper", "--set DIR")),
+        (("--set", "empty"), ("empty: no pictures there",)),
+        (("--set", "photo.png"), ("--set photo.png: is no folder",)),
+        (("--set", "nowhere"), ("--set nowhere: is no folder",)),
+        (("--set", "empty", "--preset", "papre"), ("'papre'", "paper, paper-published")),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_evaluate_refuses_what_cannot_be_compared(
+    refused: Refused, folder: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    (folder / "empty").mkdir()
+    refused(("evaluate", *arguments), *words)
 
 
 def test_inspect_draws_the_figures(cli: Cli, folder: Path) -> None:
@@ -287,11 +366,7 @@ def test_inspect_draws_tracts_that_wander(cli: Cli, folder: Path) -> None:
     assert (folder / "one" / "tract.png").read_bytes() == (folder / "three" / "tract.png").read_bytes()
 
 
-def test_montage_makes_a_sheet_of_photos(cli: Cli, folder: Path, picture: NDArray[np.uint8]) -> None:
-    photos = folder / "photos"
-    photos.mkdir()
-    (photos / "a.png").write_bytes(png(picture))
-    (photos / "b.png").write_bytes(png(picture[::-1]))
+def test_montage_makes_a_sheet_of_photos(cli: Cli, folder: Path, photos: Path, picture: NDArray[np.uint8]) -> None:
     ended = cli("montage", photos, "-o", folder / "sheet.png", "--columns", "2", "--tile", "48", "--originals")
     assert ended.code == 0, ended
     with Image.open(folder / "sheet.png") as image:

@@ -42,7 +42,7 @@ def test_preset_paper_leaves_no_photo_bare_of_strokes() -> None:
         plan, figure = planned(path, "paper")
         assert len(plan) > 2000, path.name
         assert min(layer.last - layer.first for layer in plan.layers) > 20, path.name
-        figures.append((figure.psnr_db, figure.ssim, figure.rgb))
+        figures.append((figure.psnr_db, figure.ssim, figure.rgb_8bit))
     # docs/fidelity.md has the figures with antialiasing; those of the planning canvas are a little lower.
     assert np.mean(figures, axis=0) == pytest.approx((21.3, 0.573, 26.4), rel=0.04)
 
@@ -55,7 +55,7 @@ def test_preset_paper_published_looks_like_the_published_pictures(name: str, pub
     figures, cubics = [], []
     for path in photos(name):
         plan, figure = planned(path, "paper-published")
-        figures.append((figure.psnr_db, figure.ssim, figure.rgb))
+        figures.append((figure.psnr_db, figure.ssim, figure.rgb_8bit))
         cubics.append(plan.cubics)
     psnr_db, ssim, rgb = np.abs(np.mean(figures, axis=0) - published)
     assert psnr_db < 1.5

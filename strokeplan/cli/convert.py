@@ -1,4 +1,4 @@
-"""Commands that start from a strokes file: render, export, info, evaluate."""
+"""Commands that start from a strokes file: render, export, info."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from strokeplan.cli.console import echo_written, file_line
-from strokeplan.cli.options import ImageArgument, OutputsOption, PlanArgument
+from strokeplan.cli.options import OutputsOption, PlanArgument
 
 
 def render(
@@ -43,16 +43,3 @@ def info(plan: PlanArgument) -> None:
     from strokeplan.strokes import describe
 
     typer.echo("\n".join(f"{name:<11} {value}" for name, value in describe(formats.load(plan))))
-
-
-def evaluate(plan: PlanArgument, image: ImageArgument) -> None:
-    """Compare a strokes file with its photo: PSNR, SSIM, mean RGB distance."""
-    from strokeplan import formats
-    from strokeplan.evaluate import evaluate
-    from strokeplan.image import load_photo
-
-    strokes, photo = formats.load(plan), load_photo(image)
-    figures = evaluate(strokes, photo)
-    if strokes.source is not None and strokes.source.sha256 not in ("", photo.sha256):
-        typer.echo(f"note: {plan} was planned from another file, {strokes.source.name}", err=True)
-    typer.echo(f"PSNR {figures.psnr_db:.2f} dB   SSIM {figures.ssim:.4f}   RGB distance {figures.rgb:.2f}")

@@ -33,9 +33,13 @@ def _png(plan: StrokePlan) -> bytes:
     return encode_png(render(plan))
 
 
+def compress(data: bytes) -> bytes:
+    """`data` as .svgz and .json.gz hold it."""
+    return gzip.compress(data, compresslevel=6, mtime=0)  # no time stamp: the same plan gives the same bytes
+
+
 def _gzipped(encode: Encoder) -> Encoder:
-    # No time stamp: the same plan gives the same bytes.
-    return lambda plan: gzip.compress(encode(plan), compresslevel=6, mtime=0)
+    return lambda plan: compress(encode(plan))
 
 
 WRITERS: dict[str, Encoder] = {

@@ -50,9 +50,14 @@ def render(
     return paint(plan, *picture_size(plan, width=width, height=height, scale=scale))
 
 
-def paint(plan: StrokePlan, columns: int, rows: int) -> NDArray[np.uint8]:
-    """Paint the plan as a (rows, columns, 3) uint8 picture, stretched to fit if the shapes differ."""
+def paint(plan: StrokePlan, columns: int, rows: int, *, antialias: bool = True) -> NDArray[np.uint8]:
+    """Paint the plan as a (rows, columns, 3) uint8 picture, stretched to fit if the shapes differ.
+
+    Without `antialias` a stroke covers the pixels whose centres it covers, and those wholly.
+    """
     surface = Surface(columns, rows, plan.background)
+    if not antialias:
+        surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
     scales = columns / plan.width, rows / plan.height
     surface.context.scale(*scales)
     _paint(surface.context, plan, TOLERANCE_PX / max(scales))
