@@ -92,7 +92,8 @@ def footprint(
 ) -> int:
     """Write the pixels (row, column) that `paint_chain` would paint to `pixels`, each once; return how many.
 
-    `stamp` is an image of numbers of which none is `mark`; the footprint's pixels get it.
+    `stamp` is an image of numbers of which none is `mark`; the footprint's pixels get it. What does not fit into
+    `pixels` is left out.
     """
     radius = 0.5 * width
     tolerance = max(FLATTEN_PX, FLATTEN_SHARE * width)
@@ -109,7 +110,7 @@ def footprint(
             for i in range(top, bottom):
                 first, last = _edge_span(stamp.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
                 for j in range(first, last):
-                    if stamp[i, j] != mark:
+                    if stamp[i, j] != mark and count < len(pixels):
                         stamp[i, j] = mark
                         pixels[count, 0], pixels[count, 1] = i, j
                         count += 1

@@ -134,6 +134,12 @@ def nearest(colors: Colors, palette: Colors) -> Colors:
     return palette[choice]
 
 
+def color_table(palette: Colors) -> Colors:
+    """The nearest of a palette for every colour in steps of 8: (32³, 3), by red, green and blue."""
+    steps = np.arange(4, 256, 8, dtype=np.uint8)
+    return nearest(np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3), palette)
+
+
 def shift(colors: Colors, *, hue: float = 0.0, chroma: float = 1.0, lightness: float = 0.0) -> Colors:
     """(n, 3) colours turned by `hue` degrees, their chroma times `chroma`, `lightness` added to L*.
 

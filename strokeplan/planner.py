@@ -1,8 +1,12 @@
 """From photo to plan: layer after layer, wide to fine (paper, "Image Stylization Filter").
 
-For every layer the orientation field at its scale is computed and its strokes are painted on one canvas.
-Fields of later layers are computed in threads while a layer is painted; the plan is the same for any
-number of threads.
+For every layer the orientation field at its scale is computed and its strokes are painted on one canvas:
+in the paper's way wherever a cell differs (painting.py), or for what they improve and wherever else a
+preset asks for what the paper has not (pursuit.py). Fields of later layers are computed in threads while
+a layer is painted; the plan is the same for any number of threads.
+
+A preset whose lengths are relative is planned at the resolution that its finest brush needs, whatever the
+photo's, so that the same photo at any size becomes the same strokes.
 """
 
 from __future__ import annotations
@@ -12,24 +16,43 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from math import sqrt
 from time import perf_counter
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
+from strokeplan import budget
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
+from strokeplan.importance import importance_map, load_mask, segments
 from strokeplan.painting import BEND_WIDTHS, LayerStrokes, Workers, layer_brush, paint_layer, wander_key
+from strokeplan.palette import choose_colors, color_table, plan_palette
 from strokeplan.presets import LayerPreset, Preset, load_preset
+from strokeplan.pressure import add_pressure
+from strokeplan.pursuit import SEEDINGS, Pursuit, Rules
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.tractography import splitmix64, track
 from strokeplan.version import __version__
 
+FINEST_PX = 1.8
+"""A preset of relative lengths is planned at the resolution at which its finest brush is this wide …"""
+SPARED = 1.25
+"""… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
+LARGEST_ENLARGEMENT = 4.0
+"""A photo smaller than this part of that resolution has nothing that a brush so fine could show."""
+UNSEEN = 100.0
+"""Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
+6 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
+PRUNE = 0.5
+"""At the end strokes are dropped that are missed by less than this part of what a stroke must gain."""
 DECIMALS = 2
 """Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file."""
 ERROR_STRIDE = 8
@@ -63,18 +86,26 @@ class Report:
 
 def plan(
     image: str | os.PathLike[str] | ArrayLike | Photo,
-    preset: str | os.PathLike[str] | Preset = "paper",
+    preset: str | os.PathLike[str] | Preset = "fine",
     seed: int = 0,
     *,
     orientation: Orientation | None = None,
+    strokes: int | None = None,
+    detail: float | None = None,
+    mask: str | os.PathLike[str] | ArrayLike | None = None,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
     report: Callable[[Report], None] | None = None,
 ) -> StrokePlan:
     """Plan the strokes of a photo (a path, an array, or a Photo) in the style of a preset.
 
-    The same image, preset, seed and version give the same plan, whatever `threads` (default: one for
-    each processor this process may use). `progress` is called now and then, `report` once at the end.
+    strokes  at most so many: the best picture for that budget; strokes are then kept by what they gain.
+    detail   0 (bold) to 1 (minute); 0.5 is the preset as it stands.
+    mask     where detail matters: a picture file or an (h, w) array in 0..1 of the photo's proportions;
+             1 matters most, 0.5 is neutral. It takes the place of the preset's own importance.
+
+    The same image, preset, options, seed and version give the same plan, whatever `threads` (default: one
+    for each processor this process may use). `progress` is called now and then, `report` once at the end.
     Raises ImageError, PresetError, InputError.
     """
     if seed < 0:
@@ -84,33 +115,84 @@ def plan(
     style = load_preset(preset)
     if orientation is not None:
         style = style.override({"orientation": orientation})
+    style = budget.for_detail(budget.for_strokes(style, strokes), detail)
+    if strokes is not None and detail is not None:
+        raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
     photo = _photo(image)
-    seconds = {"fields": 0.0, "strokes": 0.0}
-
-    resolved = style.for_photo(photo.width, photo.height)
-    pixels = pack(photo.rgb)
-    canvas = np.full_like(pixels, int(resolved.background.removeprefix("#"), 16))
-    strokes: list[LayerStrokes] = []
+    work = working_copy(photo, style)
+    job = _Job(work, style.for_photo(work.width, work.height), seed, _mask(mask, photo), progress)
     with _workers(threads) as workers:
-        fields = _fields(photo, resolved, workers)
-        for number, layer in enumerate(resolved.layers, start=1):
-            began = perf_counter()
-            field = fields.popleft()()
-            seconds["fields"] += perf_counter() - began
-            began = perf_counter()
-            tell = _teller(progress, pixels, canvas, number, resolved, sum(len(s.counts) for s in strokes))
-            strokes.append(paint_layer(pixels, canvas, field, resolved, layer, (seed, number), workers, tell))
-            seconds["strokes"] += perf_counter() - began
-            del field  # the largest thing there is, and the next layer's waits
-    if report is not None:
-        report(Report(seconds, _canvas_error(pixels, canvas, 1), unpack(canvas)))
+        layers, canvas = _paint_by_threshold(job, workers) if job.as_in_the_paper else _pursue(job, strokes, workers)
+        if report is not None:
+            report(Report(job.seconds, _canvas_error(job.pixels, canvas, 1), unpack(canvas)))
+        colours = [
+            choose_colors(unpack(layer.colours), settings, job.palette, np.random.default_rng((seed, number, _COLOR)))
+            for number, (layer, settings) in enumerate(zip(layers, job.preset.layers, strict=True), start=1)
+        ]
+        painted = _assemble(work, job.preset, layers, colours)
+        if style.pressure > 0:
+            painted = add_pressure(painted, (field() for field in _fields(job, workers)), style.pressure)
     settings = {
         "strokeplan": __version__,
         "seed": seed,
         "preset": msgspec.to_builtins(style),
-        "resolved": msgspec.to_builtins(resolved),
+        "resolved": msgspec.to_builtins(style.for_photo(photo.width, photo.height)),
     }
-    return _assemble(photo, resolved, strokes, settings)
+    if strokes is not None:
+        settings["strokes"] = strokes
+    return _on_canvas(painted, photo, settings)
+
+
+_COLOR = 2
+"""What tells the chance in the colours of a layer from that in its cells."""
+
+
+def working_copy(photo: Photo, style: Preset) -> Photo:
+    """The photo at the resolution at which a preset plans it."""
+    finest = min(layer.width for layer in style.for_photo(photo.width, photo.height).layers)
+    scale = min(FINEST_PX / finest, LARGEST_ENLARGEMENT)
+    size = (max(round(photo.width * scale), 2), max(round(photo.height * scale), 2))
+    if style.lengths == "pixels" or 1 / SPARED <= scale <= SPARED:
+        return photo
+    shown = Image.fromarray(photo.rgb).resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
+    return replace(photo, rgb=np.asarray(shown))
+
+
+class _Job:
+    """A photo at its working resolution, the preset in its pixels, and what several stages need of both."""
+
+    def __init__(
+        self,
+        photo: Photo,
+        preset: Preset,
+        seed: int,
+        mask: NDArray[np.float32] | None,
+        progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self.photo, self.preset, self.seed, self.mask, self.progress = photo, preset, seed, mask, progress
+        self.pixels = pack(photo.rgb)
+        self.background = int(preset.background.removeprefix("#"), 16)
+        self.palette = plan_palette(preset, photo.rgb, seed)
+        self.seconds = {"fields": 0.0, "strokes": 0.0}
+
+    @property
+    def as_in_the_paper(self) -> bool:
+        """Whether the preset asks for nothing but what the paper describes."""
+        p = self.preset
+        further = p.keep == "gain" or p.seeding != "grid" or p.cover or p.importance or p.regions or p.thin
+        return not further and self.mask is None
+
+    def waited(self, stage: str, began: float) -> None:
+        self.seconds[stage] += perf_counter() - began
+
+    def teller(self, number: int, laid: int, error: Callable[[], float]) -> Callable[[int, int, int], None]:
+        """What tells `progress` of one layer, after `laid` strokes of those before."""
+
+        def tell(done: int, total: int, strokes: int) -> None:
+            if self.progress is not None:
+                self.progress(Progress(number, len(self.preset.layers), done, total, laid + strokes, error()))
+
+        return tell
 
 
 def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
@@ -119,22 +201,85 @@ def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
     return load_photo(image) if isinstance(image, str | os.PathLike) else as_photo(image)
 
 
-def _teller(
-    progress: Callable[[Progress], None] | None,
-    photo: Packed,
-    canvas: Packed,
-    number: int,
-    preset: Preset,
-    laid: int,
-) -> Callable[[int, int, int], None]:
-    """What tells `progress` of the cells of one layer, after `laid` strokes of those before."""
+def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDArray[np.float32] | None:
+    """The mask as an array; that it fits the photo is for importance_map to say."""
+    if mask is None:
+        return None
+    values = load_mask(mask) if isinstance(mask, str | os.PathLike) else np.asarray(mask)
+    importance_map(photo.rgb[:1, :1] if values.size == 0 else photo.rgb, mask=values)
+    return values
 
-    def tell(done: int, total: int, strokes: int) -> None:
-        if progress is not None:
-            error = _canvas_error(photo, canvas, ERROR_STRIDE)
-            progress(Progress(number, len(preset.layers), done, total, laid + strokes, error))
 
-    return tell
+def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+    """The paper's way: strokes of all layers, and the canvas."""
+    canvas = np.full_like(job.pixels, job.background)
+    layers: list[LayerStrokes] = []
+    fields = _fields(job, workers)
+    for number, layer in enumerate(job.preset.layers, start=1):
+        began = perf_counter()
+        field = fields.popleft()()
+        job.waited("fields", began)
+        began = perf_counter()
+        laid = sum(len(strokes.counts) for strokes in layers)
+        tell = job.teller(number, laid, lambda: _canvas_error(job.pixels, canvas, ERROR_STRIDE))
+        layers.append(
+            paint_layer(job.pixels, canvas, field, job.preset, layer, (job.seed, number), workers, tell)
+        )
+        job.waited("strokes", began)
+        del field  # the largest thing there is, and the next layer's waits
+    return layers, canvas
+
+
+def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+    """Strokes of all layers kept by a pursuit, at most so many, and the canvas."""
+    waiting = _fields(job, workers)
+    preset, photo = job.preset, job.photo
+    weight = np.ones(job.pixels.shape, np.float32)
+    if job.mask is not None or preset.importance:
+        importance = importance_map(photo.rgb, mask=job.mask, use=preset.importance)
+        weight = np.exp2(2 * preset.importance_strength * (2 * importance - 1)).astype(np.float32)
+    regions = segments(photo.rgb, preset.regions) if preset.regions else None
+    choice = None if job.palette is None else pack(color_table(job.palette)[None])[0]
+    fields: list[OrientationField] = []
+
+    def pursue(gain: float) -> Pursuit:
+        pursuit = Pursuit.begin(job.pixels, weight, job.background, regions, choice)
+        for number, layer in enumerate(preset.layers, start=1):
+            if number > len(fields):
+                began = perf_counter()
+                fields.append(waiting.popleft()())
+                job.waited("fields", began)
+            began = perf_counter()
+            least = gain * 1e-6 * (pursuit.error_to_beat() + UNSEEN * weight.size)
+            tell = job.teller(number, pursuit.strokes, pursuit.mean_distance)
+            rules = _rules(preset, layer, number, least, float(weight.min()) < float(weight.max()))
+            pursuit.paint_layer(
+                fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
+            )
+            if preset.keep == "gain" and number >= len(preset.layers) - 1:
+                pursuit.prune(PRUNE * least)
+            if preset.thin > 0:
+                pursuit.thin(preset.thin)
+            job.waited("strokes", began)
+        pursuit.prune(-np.inf, keep_covered=preset.cover)
+        return pursuit
+
+    pursuit = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
+    return pursuit.layers, pursuit.canvas()
+
+
+def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
+    by_gain = preset.keep == "gain"
+    return Rules(
+        seeding=SEEDINGS[preset.seeding],
+        cell=max(layer.width, 1.0),
+        by_gain=by_gain,
+        gain=gain,
+        trigger=gain / (layer.width * layer.length) if by_gain else layer.color_threshold,
+        cover=preset.cover and number == 1,
+        separation=preset.separation * layer.width,
+        vary_width=uneven,
+    )
 
 
 def warm_up() -> None:
@@ -228,10 +373,14 @@ def _workers(threads: int | None) -> Iterator[Workers]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def _fields(photo: Photo, preset: Preset, workers: Workers) -> deque[Callable[[], OrientationField]]:
+def _fields(job: _Job, workers: Workers) -> deque[Callable[[], OrientationField]]:
     """The fields of all layers, in work in the workers; each is waited for when called."""
-    image = _channels(photo, preset)
-    return deque(_field(image, preset, layer, workers) for layer in preset.layers)
+    image = _channels(job.photo, job.preset)
+    known: dict[float, Callable[[], OrientationField]] = {}
+    for layer in job.preset.layers:
+        if layer.sigma not in known:
+            known[layer.sigma] = cache(_field(image, job.preset, layer, workers))
+    return deque(known[layer.sigma] for layer in job.preset.layers)
 
 
 def _field(
@@ -252,7 +401,10 @@ def _canvas_error(photo: Packed, canvas: Packed, stride: int) -> float:
     return mean_distance(photo, canvas, 0, photo.shape[0], 0, photo.shape[1], stride, 1.0)
 
 
-def _assemble(photo: Photo, preset: Preset, collected: list[LayerStrokes], settings: dict[str, Any]) -> StrokePlan:
+def _assemble(
+    photo: Photo, preset: Preset, collected: list[LayerStrokes], colors: list[NDArray[np.uint8]]
+) -> StrokePlan:
+    """The plan at the resolution at which it was made."""
     counts = np.concatenate([strokes.counts for strokes in collected])
     ends = np.cumsum([len(strokes.counts) for strokes in collected])
     layers = tuple(
@@ -262,12 +414,24 @@ def _assemble(photo: Photo, preset: Preset, collected: list[LayerStrokes], setti
     return StrokePlan(
         width=photo.width,
         height=photo.height,
-        points=np.round(np.concatenate([strokes.points for strokes in collected]), DECIMALS) + 0.0,
+        points=np.concatenate([strokes.points for strokes in collected]),
         starts=np.concatenate([[0], np.cumsum(counts)]),
-        widths=np.concatenate([np.full(len(strokes.counts), strokes.width) for strokes in collected]),
-        colors=unpack(np.concatenate([strokes.colours for strokes in collected])),
+        widths=np.concatenate([strokes.widths for strokes in collected]),
+        colors=np.concatenate(colors),
         layers=layers,
         background=hex_to_rgb(preset.background),
+    )
+
+
+def _on_canvas(plan: StrokePlan, photo: Photo, settings: dict[str, Any]) -> StrokePlan:
+    """A plan in pixels of its photo, its coordinates rounded."""
+    scale = np.array([photo.width / plan.width, photo.height / plan.height])
+    return replace(
+        plan,
+        width=photo.width,
+        height=photo.height,
+        points=np.round(plan.points * scale, DECIMALS) + 0.0,
+        widths=plan.widths * sqrt(scale[0] * scale[1]),
         settings=settings,
         source=Source(photo.name, photo.sha256, photo.width, photo.height),
     )

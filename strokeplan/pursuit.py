@@ -23,12 +23,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.canvas import Packed, footprint
+from strokeplan.canvas import Packed, footprint, mean_distance
 from strokeplan.curves import fit, rdp
 from strokeplan.field import OrientationField
 from strokeplan.jit import kernel
@@ -54,6 +54,11 @@ GRID, WORST_FIRST, BY_ERROR, EVEN = range(4)
 SEEDINGS = {"grid": GRID, "worst-first": WORST_FIRST, "error": BY_ERROR, "even": EVEN}
 _NEAR, _LANE = np.uint8(1), np.uint8(2)
 """What a pixel is to the evenly spaced strokes of a layer: a tract ends here; none begins here."""
+
+_CELL, _BARE, _TRIED, _DRAWN, _LAID, _FLANKED, _FIRST, _PLACE = range(8)
+"""How far the search for seeds is, in _Seeds.state: cells had, or draws made; cells found covered, and the bare
+pixel tried last; the cell drawn last, and the strokes kept before it; strokes whose sides have been had, where the
+points of the next begin, and the places had beside that one."""
 
 Laid = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.uint32]]
 """Points, their count for each stroke, widths and colours."""
@@ -125,6 +130,15 @@ class _Kept(NamedTuple):
     colours: NDArray[np.uint32]
 
 
+class _Seeds(NamedTuple):
+    """The cells of a strip in the order in which they are tried, their errors, and how far that is."""
+
+    order: NDArray[np.int64]
+    mass: NDArray[np.float64]
+    tree: NDArray[np.float64]
+    state: NDArray[np.int64]
+
+
 class _Tally(NamedTuple):
     """Counters of a strip, each an array of one number."""
 
@@ -193,6 +207,20 @@ class Pursuit:
         """Weighted squared error of the picture as it is."""
         return float(self.error.sum(dtype=np.float64))
 
+    def error_to_beat(self) -> float:
+        """`total_error`, but of a bare canvas that of one in the photo's mean colour: nothing is owed to paper."""
+        if self.layers:
+            return self.total_error()
+        mean = self.photo, self.weight, np.zeros(self.photo.shape, np.int32), np.zeros(1, np.uint32)
+        colour = _mean_colours(*mean, np.empty(0, np.uint32))
+        error = np.empty(self.photo.shape, np.float32)
+        _measure_error(self.photo, self.weight, mean[2], colour, np.uint32(0), error)
+        return float(error.sum(dtype=np.float64))
+
+    def mean_distance(self) -> float:
+        """Mean RGB distance of photo and picture, of a sample of the pixels."""
+        return mean_distance(self.photo, self.canvas(), 0, self.photo.shape[0], 0, self.photo.shape[1], 8, 1.0)
+
     def canvas(self) -> Packed:
         """The picture as it is."""
         shown = np.concatenate([self.colours, np.array([self.background], np.uint32)])
@@ -251,7 +279,7 @@ class Pursuit:
         for window, most in zip(windows, tries, strict=True):
             yield Strip(*window, first_id, self.marks)
             first_id += most
-            self.marks += most
+            self.marks += 3 * most
 
     def refit(self) -> None:
         """Every stroke takes the mean colour of what it shows; the error follows."""
@@ -260,11 +288,46 @@ class Pursuit:
             layer.colours = own
         self._measure()
 
-    def prune(self, least: float) -> None:
-        """Drop strokes that nobody sees, and those without which the error would grow by less than `least`."""
+    def prune(self, least: float, keep_covered: bool = False) -> None:
+        """Drop strokes that nobody sees, and those without which the error would grow by less than `least`.
+
+        `keep_covered` spares what alone keeps the canvas from showing through between antialiased strokes.
+        """
         costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
-        drop = (costs < least) | ~seen
-        _spare(self.ids, self.below, costs, drop)
+        self._drop((costs < least) | ~seen, costs, keep_covered)
+
+    def limit(self, most: int) -> None:
+        """Drop the strokes that are missed least until no more than `most` are left, even if canvas shows."""
+        while self.strokes > most:
+            self._look_below()
+            costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
+            costs[~seen] = -np.inf
+            surplus = np.argsort(costs, kind="stable")[: self.strokes - most]
+            drop = np.zeros(len(costs), np.bool_)
+            drop[surplus] = True
+            self._drop(drop, costs, keep_covered=False)
+
+    def _look_below(self) -> None:
+        """Find anew what each pixel shows, and what lies below that."""
+        columns = (np.concatenate([getattr(layer, name) for layer in self.layers]) for name in ("points", "counts", "widths"))
+        self.marks += self.strokes
+        _look_below(self.ids, self.below, self.stamp, *columns, self.marks)
+        self.refit()
+
+    def thin(self, least: float) -> None:
+        """Drop strokes that differ from what lies below them by less than a mean RGB distance of `least`."""
+        distances = _mean_distances(self.ids, self.below, self.colours)
+        self._drop(distances < least, distances, keep_covered=False)
+
+    def _drop(self, drop: NDArray[np.bool_], worth: NDArray[np.float64], keep_covered: bool) -> None:
+        """Take strokes away; where two lie on each other, the one that is worth more stays."""
+        _spare(self.ids, self.below, worth, drop)
+        if keep_covered:
+            points = np.concatenate([layer.points for layer in self.layers])
+            counts = np.concatenate([layer.counts for layer in self.layers])
+            widths = np.concatenate([layer.widths for layer in self.layers])
+            self.marks += 2 * len(counts)
+            _keep_covered(self.stamp, points, counts, widths, drop, self.marks)
         _uncover(self.ids, self.below, drop, np.cumsum(~drop, dtype=np.int32) - np.int32(1))
         for layer, dropped in zip(self.layers, self._by_layer(drop), strict=True):
             layer.points = layer.points[np.repeat(~dropped, layer.counts)]
@@ -273,7 +336,7 @@ class Pursuit:
             )
         self.refit()
 
-    def _by_layer(self, column: NDArray[np.generic]) -> list[NDArray[np.generic]]:
+    def _by_layer(self, column: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(column, np.cumsum([len(layer.counts) for layer in self.layers])[:-1])
 
     def _measure(self) -> None:
@@ -297,140 +360,132 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip, capacit
     )  # fmt: skip
     kept = _Kept(np.empty((4096, 2)), np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.uint32))
     tally = _Tally(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64))
-    if rules.seeding == BY_ERROR:
-        kept = _try_by_error(scene, brush, rules, strip, easel, kept, tally)
-    elif rules.seeding == EVEN:
-        kept = _try_evenly(scene, brush, rules, strip, easel, kept, tally)
-    else:
-        kept = _try_cells(scene, brush, rules, strip, easel, kept, tally, rules.seeding == GRID)
-    if rules.cover:
-        kept = _cover(scene, brush, rules, strip, easel, kept, tally)
+    seeds = _sow(scene, rules, strip)
+    limit = TRIES * len(seeds.order) - 1
+    # One loop for all ways to find seeds: the compiler makes a copy of `_try` wherever it is called.
+    while tally.tries[0] < limit:
+        i, j, dab = _next_seed(scene, rules, strip, seeds, kept, tally)
+        if i < 0:
+            break
+        kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, dab)
     n = tally.strokes[0]
     return kept.points[: tally.points[0]].copy(), kept.counts[:n].copy(), kept.widths[:n].copy(), kept.colours[:n].copy()
 
 
 @kernel
-def _try_cells(
-    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally, grid: bool
-) -> _Kept:
-    """Each cell once: at its centre and in random order, or at its worst pixel and the worst cells first."""
-    rows, columns = _shape(strip, rules.cell)
-    ranks = np.empty(rows * columns)
-    for cell in range(rows * columns):
-        ranks[cell] = _random(scene.key, cell) if grid else -_survey(scene, rules, strip, cell)[0]
-    for cell in np.argsort(ranks, kind="mergesort"):
-        mean, i, j = _survey(scene, rules, strip, cell)
-        if mean > rules.trigger:
-            if grid:
-                top, bottom, left, right = _window(rules, strip, cell)
-                i, j = (top + bottom) // 2, (left + right) // 2
-            kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
-    return kept
-
-
-@kernel
-def _cover(
-    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
-) -> _Kept:
-    """Strokes through what is still bare; where none will do, the shortest that there is."""
-    rows, columns = _shape(strip, rules.cell)
-    for cell in range(rows * columns):
-        while True:
-            _, i, j = _survey(scene, rules, strip, cell)
-            if scene.error[i, j] < BARE:
-                break
-            kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
-            if scene.error[i, j] >= BARE:
-                kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, True)
-    return kept
-
-
-@kernel
-def _try_by_error(
-    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
-) -> _Kept:
-    """Seeds drawn with a probability proportional to the present error, until its mean is no more than asked for.
-
-    Cells are drawn from a Fenwick tree of their errors. What other strokes have changed since is found when
-    a cell is drawn: it is then taken with the probability that is left of it.
-    """
+def _sow(scene: Scene, rules: Rules, strip: Strip) -> _Seeds:
+    """What `_next_seed` needs to know: the cells in their order, or the tree to draw them from."""
     rows, columns = _shape(strip, rules.cell)
     cells = rows * columns
-    area = float((strip.bottom - strip.top) * (strip.right - strip.left))
+    ranks = np.empty(cells)
     mass, tree = np.zeros(cells), np.zeros(cells + 1)
     for cell in range(cells):
-        _change(tree, mass, cell, _mass(scene, rules, strip, cell))
-    for draw in range(TRIES * cells):
-        total = _prefix(tree, cells)
-        if total <= rules.trigger * area or tally.strokes[0] >= (TRIES - 1) * cells:
+        if rules.seeding == WORST_FIRST:
+            ranks[cell] = -_survey(scene, rules, strip, cell)[0]
+        else:
+            ranks[cell] = _random(scene.key, cell)
+        if rules.seeding == BY_ERROR:
+            _change(tree, mass, cell, _mass(scene, rules, strip, cell))
+    order = np.argsort(ranks, kind="mergesort")
+    state = np.zeros(8, np.int64)
+    state[_DRAWN] = -1
+    return _Seeds(order, mass, tree, state)
+
+
+@kernel
+def _next_seed(
+    scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, kept: _Kept, tally: _Tally
+) -> tuple[int, int, bool]:
+    """The pixel through which the next stroke is tried, and whether it is to be a dab; row −1 after the last."""
+    i, j = -1, -1
+    if rules.seeding == BY_ERROR:
+        i, j = _draw_seed(scene, rules, strip, seeds, tally)
+    elif rules.seeding == EVEN:
+        i, j = _seed_beside(scene, rules, strip, seeds, kept, tally)
+    else:
+        while i < 0 and seeds.state[_CELL] < len(seeds.order):
+            cell = seeds.order[seeds.state[_CELL]]
+            seeds.state[_CELL] += 1
+            mean, worst_i, worst_j = _survey(scene, rules, strip, cell)
+            if mean > rules.trigger:
+                i, j = _centre(rules, strip, cell) if rules.seeding == GRID else (worst_i, worst_j)
+    if i >= 0 or not rules.cover:
+        return i, j, False
+    # What is still bare after all; where no stroke will do, the shortest that there is.
+    while seeds.state[_BARE] < len(seeds.order):
+        _, i, j = _survey(scene, rules, strip, seeds.state[_BARE])
+        if scene.error[i, j] >= BARE:
+            pixel = i * scene.photo.shape[1] + j + 1
+            again = seeds.state[_TRIED] == pixel
+            seeds.state[_TRIED] = pixel
+            return i, j, again
+        seeds.state[_BARE] += 1
+    return -1, -1, False
+
+
+@kernel
+def _draw_seed(scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, tally: _Tally) -> tuple[int, int]:
+    """A pixel drawn with a probability proportional to its present error, until the mean is no more than asked for.
+
+    Cells are drawn from a Fenwick tree of their errors. What other strokes have changed since is found when
+    a cell is drawn: it is then taken with the probability that is left of it. A cell that no stroke suits is
+    not drawn again.
+    """
+    cells = len(seeds.order)
+    area = float((strip.bottom - strip.top) * (strip.right - strip.left))
+    state = seeds.state
+    if state[_DRAWN] >= 0:
+        left = _mass(scene, rules, strip, state[_DRAWN]) if tally.strokes[0] > state[_LAID] else 0.0
+        _change(seeds.tree, seeds.mass, state[_DRAWN], left)
+    while state[_CELL] < TRIES * cells:
+        state[_CELL] += 1
+        total = _prefix(seeds.tree, cells)
+        if total <= rules.trigger * area:
             break
-        key = splitmix64(scene.key, np.uint64(draw))
-        cell = _find(tree, _random(key, 0) * total)
-        before, now = mass[cell], _mass(scene, rules, strip, cell)
-        _change(tree, mass, cell, now)
-        if _random(key, 1) * before > now:
-            continue
-        i, j = _draw_pixel(scene, rules, strip, cell, _random(key, 2) * now)
-        laid = tally.strokes[0]
-        kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
-        # A cell that no stroke suits is not drawn again.
-        _change(tree, mass, cell, _mass(scene, rules, strip, cell) if tally.strokes[0] > laid else 0.0)
-    return kept
+        key = splitmix64(scene.key, np.uint64(cells + state[_CELL]))
+        cell = _find(seeds.tree, _random(key, 0) * total)
+        before, now = seeds.mass[cell], _mass(scene, rules, strip, cell)
+        _change(seeds.tree, seeds.mass, cell, now)
+        if now > 0.0 and _random(key, 1) * before <= now:
+            state[_DRAWN], state[_LAID] = cell, tally.strokes[0]
+            return _draw_pixel(scene, rules, strip, cell, _random(key, 2) * now)
+    return -1, -1
 
 
 @kernel
-def _try_evenly(
-    scene: Scene, brush: Brush, rules: Rules, strip: Strip, easel: _Easel, kept: _Kept, tally: _Tally
-) -> _Kept:
-    """Evenly spaced tracts: seeds lie one separation beside the strokes kept so far, oldest first; where these have
+def _seed_beside(
+    scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, kept: _Kept, tally: _Tally
+) -> tuple[int, int]:
+    """Seeds of evenly spaced tracts: one separation beside the strokes kept so far, oldest first; where these have
     no room left beside them, in the next cell, in random order, that is free."""
-    rows, columns = _shape(strip, rules.cell)
-    ranks = np.empty(rows * columns)
-    for cell in range(rows * columns):
-        ranks[cell] = _random(scene.key, cell)
-    limit = (TRIES - 1) * rows * columns
-    flanked, first = 0, 0
-    for cell in np.argsort(ranks, kind="mergesort"):
-        top, bottom, left, right = _window(rules, strip, cell)
-        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, 0.5 * (left + right), 0.5 * (top + bottom))
-        while flanked < tally.strokes[0] and tally.tries[0] < limit:
-            last = first + kept.counts[flanked] - 1
-            for k in range(first, last, 3):
-                for part in range(4):  # of the straight line below a piece: near enough for a seed
-                    t = part / 4
-                    ax, ay, bx, by = kept.points[k, 0], kept.points[k, 1], kept.points[k + 3, 0], kept.points[k + 3, 1]
-                    length = np.hypot(bx - ax, by - ay)
-                    if length > 0.0:
-                        nx, ny = -(by - ay) / length * rules.separation, (bx - ax) / length * rules.separation
-                        x, y = ax + t * (bx - ax), ay + t * (by - ay)
-                        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, x + nx, y + ny)
-                        kept = _try_beside(scene, brush, rules, strip, easel, kept, tally, x - nx, y - ny)
-            first = last + 1
-            flanked += 1
-    return kept
-
-
-@kernel
-def _try_beside(
-    scene: Scene,
-    brush: Brush,
-    rules: Rules,
-    strip: Strip,
-    easel: _Easel,
-    kept: _Kept,
-    tally: _Tally,
-    x: float,
-    y: float,
-) -> _Kept:
-    """Try a stroke through (x, y) if that lies in the strip, in no other stroke's lane, and where the picture differs."""
-    i, j = int(np.floor(y)), int(np.floor(x))
-    if not (strip.top <= i < strip.bottom and strip.left <= j < strip.right) or scene.lanes[i, j] & _LANE:
-        return kept
-    columns = _shape(strip, rules.cell)[1]
-    cell = int((i - strip.top) / rules.cell) * columns + int((j - strip.left) / rules.cell)
-    if not _survey(scene, rules, strip, cell)[0] > rules.trigger:
-        return kept
-    return _try(scene, brush, rules, strip, easel, kept, tally, i, j, False)
+    state = seeds.state
+    while True:
+        if state[_FLANKED] < tally.strokes[0]:
+            # Four places along the straight line below each piece, on both sides: near enough for a seed.
+            count = kept.counts[state[_FLANKED]]
+            k = state[_FIRST] + 3 * (state[_PLACE] // 8)
+            if k >= state[_FIRST] + count - 1:
+                state[_FLANKED] += 1
+                state[_FIRST] += count
+                state[_PLACE] = 0
+                continue
+            t, side = (state[_PLACE] // 2 % 4) / 4, 1.0 - 2.0 * (state[_PLACE] % 2)
+            state[_PLACE] += 1
+            ax, ay = kept.points[k, 0], kept.points[k, 1]
+            dx, dy = kept.points[k + 3, 0] - ax, kept.points[k + 3, 1] - ay
+            across = side * rules.separation / max(np.hypot(dx, dy), 1e-9)
+            i, j = int(np.floor(ay + t * dy + across * dx)), int(np.floor(ax + t * dx - across * dy))
+        elif state[_CELL] < len(seeds.order):
+            i, j = _centre(rules, strip, seeds.order[state[_CELL]])
+            state[_CELL] += 1
+        else:
+            return -1, -1
+        inside = strip.top <= i < strip.bottom and strip.left <= j < strip.right
+        if inside and not scene.lanes[i, j] & _LANE:
+            columns = _shape(strip, rules.cell)[1]
+            cell = int((i - strip.top) / rules.cell) * columns + int((j - strip.left) / rules.cell)
+            if _survey(scene, rules, strip, cell)[0] > rules.trigger:
+                return i, j
 
 
 @kernel
@@ -527,14 +582,21 @@ def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
 
 
 @kernel
+def _centre(rules: Rules, strip: Strip, cell: int) -> tuple[int, int]:
+    top, bottom, left, right = _window(rules, strip, cell)
+    return (top + bottom) // 2, (left + right) // 2
+
+
+@kernel
 def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float, int, int]:
     """Mean of a cell, see Rules.trigger, and its pixel of the largest error."""
     top, bottom, left, right = _window(rules, strip, cell)
     total, largest, worst_i, worst_j = 0.0, -1.0, top, left
+    errors, by_gain = scene.error, rules.by_gain
     for i in range(top, bottom):
         for j in range(left, right):
-            error = scene.error[i, j]
-            total += error if rules.by_gain else np.sqrt(error)
+            error = errors[i, j]
+            total += error if by_gain else np.sqrt(error)
             if error > largest:
                 largest, worst_i, worst_j = error, i, j
     return total / max((bottom - top) * (right - left), 1), worst_i, worst_j
@@ -648,7 +710,8 @@ def _best_stretch(
     Sections across the tract are sampled once; their running sums give the gain of any stretch at once
     (round ends, and limits to the choice of colour, left out).
     """
-    rows, columns = scene.photo.shape
+    photo, weight, error = scene.photo, scene.weight, scene.error
+    rows, columns = photo.shape
     n = last - first
     spacing = max(1.0, width / ACROSS)
     samples = max(round(width / spacing), 1)
@@ -664,8 +727,8 @@ def _best_stretch(
             j = int(np.floor(tract[first + k, 0] + across * nx))
             i = int(np.floor(tract[first + k, 1] + across * ny))
             if 0 <= i < rows and 0 <= j < columns:
-                w, r, g, b = _pixel(scene, i, j)
-                old += scene.error[i, j]
+                w, r, g, b = _pixel(photo, weight, i, j)
+                old += error[i, j]
                 weights += w
                 red += w * r
                 green += w * g
@@ -694,20 +757,21 @@ def _best_stretch(
 
 
 @kernel
-def _pixel(scene: Scene, i: int, j: int) -> tuple[float, float, float, float]:
+def _pixel(photo: Packed, weight: NDArray[np.float32], i: int, j: int) -> tuple[float, float, float, float]:
     """Weight, red, green and blue of the photo."""
-    value = np.int64(scene.photo[i, j])
-    return float(scene.weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
+    value = np.int64(photo[i, j])
+    return float(weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
 
 
 @kernel
 def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.uint32]:
     """What a footprint in its best colour takes from the error, and that colour."""
+    photo, weight, error = scene.photo, scene.weight, scene.error
     old = weights = red = green = blue = squares = 0.0
     for k in range(n):
         i, j = pixels[k, 0], pixels[k, 1]
-        w, r, g, b = _pixel(scene, i, j)
-        old += scene.error[i, j]
+        w, r, g, b = _pixel(photo, weight, i, j)
+        old += error[i, j]
         weights += w
         red += w * r
         green += w * g
@@ -741,11 +805,11 @@ def _squared_distance(a: np.uint32, b: np.uint32) -> float:
 
 @kernel
 def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: np.uint32) -> None:
+    photo, weight, error, ids, below = scene.photo, scene.weight, scene.error, scene.ids, scene.below
     for k in range(n):
         i, j = pixels[k, 0], pixels[k, 1]
-        scene.error[i, j] = scene.weight[i, j] * _squared_distance(scene.photo[i, j], colour)
-        scene.below[i, j] = scene.ids[i, j]
-        scene.ids[i, j] = stroke
+        error[i, j] = weight[i, j] * _squared_distance(photo[i, j], colour)
+        below[i, j], ids[i, j] = ids[i, j], stroke
 
 
 @kernel
@@ -866,3 +930,70 @@ def _uncover(
                 top, under = under, -1
             ids[i, j] = number[top] if top >= 0 else -1
             below[i, j] = number[under] if under >= 0 and not drop[under] else -1
+
+
+@kernel
+def _mean_distances(
+    ids: NDArray[np.int32], below: NDArray[np.int32], colours: NDArray[np.uint32]
+) -> NDArray[np.float64]:
+    """Mean RGB distance of each stroke from what lies below it, where it is seen; infinite over canvas."""
+    sums, counts = np.zeros(len(colours)), np.zeros(len(colours))
+    rows, columns = ids.shape
+    for i in range(rows):
+        for j in range(columns):
+            top, under = ids[i, j], below[i, j]
+            if top >= 0:
+                counts[top] += 1.0
+                sums[top] += np.inf if under < 0 else np.sqrt(_squared_distance(colours[top], colours[under]))
+    return sums / np.maximum(counts, 1.0)
+
+
+@kernel
+def _look_below(
+    ids: NDArray[np.int32],
+    below: NDArray[np.int32],
+    stamp: NDArray[np.int32],
+    points: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    widths: NDArray[np.float64],
+    mark: int,
+) -> None:
+    ids[:], below[:] = -1, -1
+    pixels = np.empty((stamp.size, 2), np.int32)
+    first = 0
+    for stroke in range(len(counts)):
+        mark -= 1
+        for k in range(footprint(stamp, mark, points, first, counts[stroke] // 3, widths[stroke], True, pixels)):
+            i, j = pixels[k, 0], pixels[k, 1]
+            below[i, j], ids[i, j] = ids[i, j], stroke
+        first += counts[stroke]
+
+
+@kernel
+def _keep_covered(
+    stamp: NDArray[np.int32],
+    points: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    widths: NDArray[np.float64],
+    drop: NDArray[np.bool_],
+    mark: int,
+) -> None:
+    """Take back what is to be dropped and covers a pixel that no other stroke covers with half a pixel to spare."""
+    solid = np.zeros(stamp.shape, np.bool_)
+    pixels = np.empty((stamp.size, 2), np.int32)
+    for taken_back in (False, True):
+        first = 0
+        for stroke in range(len(counts)):
+            pieces = counts[stroke] // 3
+            if drop[stroke] == taken_back:
+                width = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
+                mark -= 1
+                n = footprint(stamp, mark, points, first, pieces, width, True, pixels)
+                needed = not taken_back
+                for k in range(n):
+                    needed = needed or not solid[pixels[k, 0], pixels[k, 1]]
+                if needed:
+                    drop[stroke] = False
+                    for k in range(n):
+                        solid[pixels[k, 0], pixels[k, 1]] = True
+            first += counts[stroke]
