@@ -10,8 +10,11 @@ arc joins them; where they overlap, their crossing does, or the centre of the di
 to cross. So the outline is a sum of closed loops that all turn the same way, and filling it by the
 nonzero rule leaves no hole however tight the bend.
 
-Known limit: pressure that falls by more than the radius within a segment (a disc swallows the next) shows
-with round caps as the larger disc alone.
+A disc within its neighbour adds nothing and is left out; where the stroke comes out of the larger one, a
+disc that touches its rim from within takes its place.
+
+Known limit: with butt caps a radius that jumps where the curve stands still becomes a ramp to the next
+point of the flattened curve.
 """
 
 from __future__ import annotations
@@ -125,28 +128,54 @@ def _discs(
     steps = np.empty(pieces, np.int64)
     for k in range(pieces):
         steps[k] = subdivisions(chain, 3 * k, tolerance)
-    discs = np.empty((1 + steps.sum(), 3))
+    discs = np.empty((1 + 2 * steps.sum(), 3))
     discs[0, 0], discs[0, 1], discs[0, 2] = chain[0, 0], chain[0, 1], radii[0]
     n = 1
+    disc, hidden = np.empty(3), np.empty(3)
+    swallowed = False  # `hidden` is what the last of the discs holds
     for k in range(pieces):
         for step in range(1, steps[k] + 1):
             t = step / steps[k]
-            x, y = point(chain, 3 * k, t)
-            r = (1.0 - t) * radii[k] + t * radii[k + 1]
-            swallowed = False
-            while n > 0:
-                d = np.sqrt((x - discs[n - 1, 0]) ** 2 + (y - discs[n - 1, 1]) ** 2)
-                grown = r - discs[n - 1, 2]
-                if d > (abs(grown) if round_caps else 0.0):
-                    break
-                if grown <= 0.0:
-                    swallowed = True
-                    break
+            disc[0], disc[1] = point(chain, 3 * k, t)
+            disc[2] = (1.0 - t) * radii[k] + t * radii[k + 1]
+            if not _beyond(disc, discs[n - 1], round_caps) and disc[2] <= discs[n - 1, 2]:
+                hidden[:], swallowed = disc, True
+                continue
+            swallows = False  # `hidden` is what this disc holds
+            while n > 0 and not _beyond(disc, discs[n - 1], round_caps):
+                hidden[:], swallows = discs[n - 1], True
                 n -= 1
-            if not swallowed:
-                discs[n, 0], discs[n, 1], discs[n, 2] = x, y, r
-                n += 1
+            if n > 0 and round_caps and (swallows or swallowed):
+                outer, inner = (disc, discs[n - 1]) if swallows else (discs[n - 1], disc)
+                _to_rim(hidden, inner, outer)
+                if _beyond(hidden, inner, True):
+                    discs[n] = hidden
+                    n += 1
+            discs[n] = disc
+            n += 1
+            swallowed = False
     return discs[:n]
+
+
+@kernel
+def _beyond(a: NDArray[np.float64], b: NDArray[np.float64], round_caps: bool) -> bool:
+    """Whether neither disc lies within the other; with butt caps, whether their centres differ."""
+    d = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2)
+    return bool(d > (abs(a[2] - b[2]) if round_caps else 0.0))
+
+
+@kernel
+def _to_rim(within: NDArray[np.float64], without: NDArray[np.float64], outer: NDArray[np.float64]) -> None:
+    """Move the disc `within` towards `without` until it reaches out of the disc `outer`."""
+    start, low, high = within.copy(), 0.0, 1.0
+    for _ in range(40):
+        t = 0.5 * (low + high)
+        within[:] = (1.0 - t) * start + t * without
+        if within[2] <= outer[2] and not _beyond(within, outer, True):
+            low = t
+        else:
+            high = t
+    within[:] = (1.0 - high) * start + high * without
 
 
 @kernel

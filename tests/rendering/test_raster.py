@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from scipy import ndimage
 
 from strokeplan.errors import InputError, MissingExtraError
 from strokeplan.rendering import Surface, encode_png, paint, render, require_cairo
@@ -22,6 +24,9 @@ RED, BLUE = (200, 30, 20), (10, 40, 250)
 
 REDUCED_PSNR_DB = 39.5
 """Painted at 4× and reduced against painted at 1×: 39.8 dB measured on 200 random strokes."""
+FULL_PRESSURE_PSNR_DB = 43.0
+"""Outlines of 200 random strokes at full pressure against Cairo's own strokes: 43.8 dB measured. What differs is
+mostly Cairo's: of the pixels on the wrong side of exact offset curves it has 931, the outlines 620."""
 
 
 def plan_of(
@@ -200,10 +205,69 @@ def test_the_same_plan_gives_the_same_pixels() -> None:
     np.testing.assert_array_equal(render(plan), render(plan))
 
 
+# Pressure
+
+
+def pressed(plan: StrokePlan, *pressures: float) -> StrokePlan:
+    return replace(plan, pressures=np.array(pressures, float))
+
+
+def test_a_stroke_is_as_wide_as_it_is_pressed() -> None:
+    chain = [*line(4, 10, 20, 10), *line(20, 10, 36, 10)[1:]]
+    picture = render(pressed(plan_of((chain, 16, RED)), 0.5, 0.5, 1), scale=10)
+    across = np.all(picture == RED, axis=2).sum(axis=0)
+    assert np.abs(across[50:195] - 80).max() <= 1
+    assert across[280] == pytest.approx(120, abs=2)  # half way from 8 to 16
+    assert across[350] == pytest.approx(155, abs=2)
+    assert not across[:39].any()
+    assert not across[361:].any()
+
+
+def test_full_pressure_is_the_stroke_without() -> None:
+    plan = random_plan()
+    full = pressed(plan, *[1.0] * int(plan.knots.sum()))
+    assert psnr(render(full), render(plan)) > FULL_PRESSURE_PSNR_DB
+    assert psnr(render(pressed(plan, *[0.9] * int(plan.knots.sum()))), render(plan)) < FULL_PRESSURE_PSNR_DB - 15
+
+
+def test_full_pressure_with_butt_caps_is_the_stroke_without() -> None:
+    plan = plan_of(([(5, 12), (15, 6), (25, 14), (35, 8)], 4, RED))
+    assert psnr(render(pressed(plan, 1, 1), scale=8), render(plan, scale=8)) > FULL_PRESSURE_PSNR_DB
+
+
+def test_no_pressure_leaves_the_paper_bare() -> None:
+    plan = plan_of((line(10, 10, 30, 10), 4, RED), caps=("round",))
+    np.testing.assert_array_equal(render(pressed(plan, 0, 0)), expected())
+
+
+def test_strokes_without_pressure_are_painted_as_ever_among_others() -> None:
+    red, blue = (line(5, 5, 35, 5), 4, RED), (line(5, 15, 35, 15), 4, BLUE)
+    mixed = render(pressed(plan_of(red, blue), np.nan, np.nan, 0.5, 0.5))
+    wanted = expected((slice(3, 7), slice(5, 35), RED), (slice(14, 16), slice(5, 35), BLUE))
+    np.testing.assert_array_equal(mixed, wanted)
+
+
+def test_a_stroke_with_pressure_has_no_seams() -> None:
+    loop = [(4.0, 4.0), (44.0, 18.0), (-4.0, 18.0), (36.0, 4.0)]
+    picture = render(pressed(plan_of((loop, 6, RED), caps=("round",)), 0.3, 1), scale=20)
+    surely, paper = np.all(picture == RED, axis=2), np.all(picture == PAPER, axis=2)
+    assert ndimage.label(paper)[1] == ndimage.label(surely)[1] == 1
+    # Only its rim is neither: what lies deeper than antialiasing reaches is full colour.
+    assert np.all(surely[ndimage.binary_erosion(~paper, iterations=3)])
+
+
+def test_an_enlarged_picture_of_pressed_strokes_is_the_same_picture() -> None:
+    plan = random_plan()
+    pressures = np.random.default_rng(2).uniform(0.2, 1, int(plan.knots.sum()))
+    plan = pressed(plan, *pressures)
+    reduced = np.asarray(Image.fromarray(render(plan, scale=4)).reduce(4))
+    assert psnr(reduced, render(plan)) > REDUCED_PSNR_DB
+
+
 # Enlarged
 
 
-def random_plan() -> StrokePlan:
+def random_plan(caps: tuple[Cap, ...] = ("round",)) -> StrokePlan:
     """200 curved strokes, wide to fine."""
     rng = np.random.default_rng(1)
     strokes = []
@@ -211,7 +275,7 @@ def random_plan() -> StrokePlan:
         start, *steps = rng.uniform(0, (160, 120)), *rng.normal(0, 15, (3, 2))
         chain = np.cumsum([start, *steps], axis=0)
         strokes.append((chain.tolist(), float(width), tuple(rng.integers(0, 256, 3).tolist())))
-    return plan_of(*strokes, caps=("round",), size=(160, 120))
+    return plan_of(*strokes, caps=caps, size=(160, 120))
 
 
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
