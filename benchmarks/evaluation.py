@@ -27,7 +27,7 @@ from strokeplan.image import photo_files
 from strokeplan.planner import warm_up
 from strokeplan.presets import Preset, load_preset, names
 
-BASE = "paper"
+BASE = "fine"
 """The preset that is varied."""
 ABLATION: dict[str, dict[str, dict[str, Any]]] = {
     "The method": {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import log, sqrt
-from typing import TypeVar
 
 import msgspec
 
@@ -15,14 +14,26 @@ from strokeplan.pursuit import Pursuit
 MAX_STROKES = 10_000_000
 DETAIL_RANGE = 16.0
 """What a stroke must gain is divided by this at detail 1, and multiplied at detail 0; thresholds by its root."""
-COVERAGE = 0.8
-"""Part of the area of strokes of four times their width that is left to cover the canvas, the rest overlaps."""
+FEW = 4.0
+"""The widest brush for a budget is as wide as squares so many times as large as the strokes' share of the canvas."""
+LONGEST, BROADEST_SIGMA = 1000.0, 30.0
+"""Bounds of what widening a brush makes of its length and scale, in thousandths of √(width · height)."""
+ROUNDS = (8.0, 4.0, 2.0, 1.0)
+"""What strokes of the wider brushes must gain, one round after the other: the best come first."""
+GROUND = 4000.0
+"""Width of a stroke that covers any canvas of up to 1:7, whichever of its points it lies on."""
 SEARCHES = 7
 """Pursuits to find the gain for a budget."""
 NEAR_ENOUGH = 0.97
 """A pursuit that keeps this part of the budget is the last."""
 SURPLUS = 1.15
-"""One that keeps so many times the budget is, once its least strokes are dropped."""
+"""So is one that keeps so many times the budget, once the strokes that are missed least are dropped."""
+AIM = 1.04
+"""Pursuits aim at so many times the budget."""
+EXPONENT = -0.9
+"""The strokes of the default preset fall with this power of the gain."""
+LONGEST_STEP = 60.0
+"""Largest factor of the gain from one pursuit to the next."""
 
 
 def for_detail(preset: Preset, detail: float | None) -> Preset:
@@ -40,8 +51,8 @@ def for_detail(preset: Preset, detail: float | None) -> Preset:
 
 
 def for_strokes(preset: Preset, strokes: int | None) -> Preset:
-    """The preset for at most so many strokes, which are kept by gain: with wider brushes in front if few strokes
-    of its first could not cover the canvas. Raises InputError."""
+    """The preset for at most so many strokes, which are kept by gain: for few strokes, with wider brushes in
+    front and the canvas covered by a single stroke, as by a ground. Raises InputError."""
     if strokes is None:
         return preset
     if not 1 <= strokes <= MAX_STROKES:
@@ -49,38 +60,39 @@ def for_strokes(preset: Preset, strokes: int | None) -> Preset:
     preset = msgspec.structs.replace(preset, keep="gain")
     if preset.lengths == "pixels":
         return preset
-    first, needed = preset.layers[0], 1000 / sqrt(4 * COVERAGE * strokes)
-    wider = []
+    first, needed = preset.layers[0], 1000 * sqrt(FEW / strokes)
+    layers = list(preset.layers)
     while needed > 1.5 * first.width:
         scale = needed / first.width
-        wider.append(
-            msgspec.structs.replace(first, **{name: getattr(first, name) * scale for name in LAYER_LENGTHS})
-        )
+        lengths = {name: getattr(first, name) * scale for name in LAYER_LENGTHS}
+        lengths["length"] = min(lengths["length"], LONGEST)
+        lengths["sigma"] = min(lengths["sigma"], BROADEST_SIGMA)
+        for gain in ROUNDS:
+            layers.insert(len(layers) - len(preset.layers), msgspec.structs.replace(first, gain=gain, **lengths))
         needed /= 2
-    return msgspec.structs.replace(preset, layers=(*wider, *preset.layers))
+    if len(layers) > len(preset.layers) and preset.cover:
+        layers.insert(0, msgspec.structs.replace(first, width=GROUND, length=1.0, min_length=0.0))
+    return msgspec.structs.replace(preset, layers=tuple(layers))
 
 
 def best_within(most: int, gain: float, pursue: Callable[[float], Pursuit]) -> Pursuit:
-    """The pursuit that keeps the most strokes that a budget allows.
+    """The best of a few pursuits, each cut down to `most` strokes.
 
-    The number of strokes falls with what they must gain about as a power of it, whose exponent the
-    pursuits themselves tell.
+    The strokes that a pursuit keeps are about a power of the gain it asks for; the exponent is learnt on the way.
     """
-    tried: list[tuple[float, float]] = []
-    best = None
-    for _ in range(SEARCHES):
+    exponent, before = EXPONENT, None
+    best: Pursuit | None = None
+    for attempt in range(1, SEARCHES + 1):
         pursuit = pursue(gain)
-        found = pursuit.strokes
-        pursuit.limit(most)
-        if best is None or pursuit.total_error() < best.total_error():
-            best = pursuit
-        if NEAR_ENOUGH * most <= found <= SURPLUS * most:
-            break
-        tried.append((log(gain), log(max(found, 1) / most)))
-        slope = -0.9
-        if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
-            slope = (tried[-1][1] - tried[-2][1]) / (tried[-1][0] - tried[-2][0])
-        step = -(tried[-1][1] - log(1.03)) / min(max(slope, -2.0), -0.3)
-        gain *= 2.718281828459045 ** min(max(step, -4.0), 4.0)
-    assert best is not None
-    return best
+        share = max(pursuit.strokes, 1) / most
+        if share <= SURPLUS or (attempt == SEARCHES and best is None):
+            pursuit.limit(most)
+            if best is None or pursuit.total_error() < best.total_error():
+                best = pursuit
+            if share >= NEAR_ENOUGH:
+                break
+        if before is not None and before[0] != gain and before[1] != share:
+            exponent = min(max(log(share / before[1]) / log(gain / before[0]), 3 * EXPONENT), EXPONENT / 3)
+        before = gain, share
+        gain *= min(max((AIM / share) ** (1 / exponent), 1 / LONGEST_STEP), LONGEST_STEP)
+    return best or pursuit

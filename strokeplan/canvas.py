@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.curves import point, subdivisions
-from strokeplan.jit import kernel
+from strokeplan.jit import leaf
 
 FLATTEN_PX = 0.2
 """Chords of a footprint lie this close to their arc: well below the half pixel that decides a pixel."""
@@ -36,7 +36,7 @@ def unpack(packed: Packed) -> NDArray[np.uint8]:
     return np.stack([packed >> 16, packed >> 8, packed], axis=-1).astype(np.uint8)
 
 
-@kernel
+@leaf
 def mean_distance(
     photo: Packed, canvas: Packed, top: int, bottom: int, left: int, right: int, stride: int, photo_gain: float
 ) -> float:
@@ -56,7 +56,7 @@ def mean_distance(
     return total / count
 
 
-@kernel
+@leaf
 def paint_chain(
     canvas: Packed, chain: NDArray[np.float64], at: int, pieces: int, width: float, round_cap: bool, colour: np.uint32
 ) -> None:
@@ -79,7 +79,7 @@ def paint_chain(
             ax, ay, round_a = bx, by, False
 
 
-@kernel
+@leaf
 def footprint(
     stamp: NDArray[np.int32],
     mark: int,
@@ -118,14 +118,14 @@ def footprint(
     return count
 
 
-@kernel
+@leaf
 def _edge_rows(rows: int, ay: float, by: float, radius: float) -> tuple[int, int]:
     """The rows (first, last + 1) of pixels whose centres lie within `radius` of the height of an edge."""
     top = max(int(np.ceil(min(ay, by) - radius - 0.5)), 0)
     return top, min(int(np.floor(max(ay, by) + radius - 0.5)) + 1, rows)
 
 
-@kernel
+@leaf
 def _edge_span(
     cols: int, i: int, ax: float, ay: float, bx: float, by: float, radius: float, round_a: bool, round_b: bool
 ) -> tuple[int, int]:

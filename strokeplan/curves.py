@@ -17,10 +17,12 @@ Curves", Graphics Gems (1990), with Wang's bound for flattening.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.jit import kernel
+from strokeplan.jit import kernel, leaf
 
 MAX_REFITS = 4
 """Newton reparameterisations of one piece before it is split (Schneider's own figure)."""
@@ -38,7 +40,9 @@ MAX_HANDLE = 2.0 / 3.0
 def simplify(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
     """Ramer–Douglas–Peucker: the (m, 2) vertices of `points` (n, 2) that stay; both ends always do."""
     out = np.empty((len(points), 2))
-    return out[: rdp(np.ascontiguousarray(points, dtype=np.float64), 0, len(points), tolerance, out)]
+    return out[
+        : rdp(np.ascontiguousarray(points, dtype=np.float64), 0, len(points), tolerance, out, scratch(len(points)))
+    ]
 
 
 def fit_tract(
@@ -51,11 +55,12 @@ def fit_tract(
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     vertices = np.empty((len(points), 2))
-    n = rdp(points, 0, len(points), simplify_tolerance, vertices) if len(points) else 0
+    room = scratch(len(points))
+    n = rdp(points, 0, len(points), simplify_tolerance, vertices, room) if len(points) else 0
     if n < 2:
         return np.empty((0, 2))
     chain = np.empty((3 * n - 2, 2))
-    return chain[: 3 * fit(vertices, n, fit_tolerance, True, chain, 0) + 1]
+    return chain[: 3 * fit(vertices, n, fit_tolerance, True, chain, 0, room) + 1]
 
 
 def flatten(chain: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
@@ -69,13 +74,30 @@ def flatten(chain: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]
     return np.concatenate(parts)
 
 
+class Scratch(NamedTuple):
+    """Room for `rdp` and `fit` to work in."""
+
+    stack: NDArray[np.int64]
+    keep: NDArray[np.bool_]
+    tangents: NDArray[np.float64]
+    u: NDArray[np.float64]
+
+
 @kernel
-def rdp(points: NDArray[np.float64], first: int, last: int, tolerance: float, out: NDArray[np.float64]) -> int:
+def scratch(n: int) -> Scratch:
+    """Room for polylines of up to `n` points."""
+    return Scratch(np.empty((n + 1, 2), np.int64), np.empty(n, np.bool_), np.empty((n, 2)), np.empty(n))
+
+
+@leaf
+def rdp(
+    points: NDArray[np.float64], first: int, last: int, tolerance: float, out: NDArray[np.float64], room: Scratch
+) -> int:
     """Write the kept vertices of points[first:last] to `out`; return how many. Consecutive ones differ."""
     n = last - first
-    keep = np.zeros(n, np.bool_)
-    keep[0] = keep[n - 1] = True
-    stack = np.empty((n + 1, 2), np.int64)
+    stack, keep = room.stack, room.keep
+    for k in range(n):
+        keep[k] = k == 0 or k == n - 1
     stack[0, 0], stack[0, 1] = 0, n - 1
     depth = 1
     while depth > 0:
@@ -104,7 +126,7 @@ def rdp(points: NDArray[np.float64], first: int, last: int, tolerance: float, ou
     return count
 
 
-@kernel
+@leaf
 def _edge_distance2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Squared distance of p from the edge a–b."""
     dx, dy = bx - ax, by - ay
@@ -116,19 +138,26 @@ def _edge_distance2(px: float, py: float, ax: float, ay: float, bx: float, by: f
     return ex * ex + ey * ey
 
 
-@kernel
-def fit(p: NDArray[np.float64], n: int, tolerance: float, bounded: bool, chain: NDArray[np.float64], at: int) -> int:
+@leaf
+def fit(
+    p: NDArray[np.float64],
+    n: int,
+    tolerance: float,
+    bounded: bool,
+    chain: NDArray[np.float64],
+    at: int,
+    room: Scratch,
+) -> int:
     """Fit cubics to the vertices p[:n] (consecutive ones distinct); write the chain to chain[at:].
 
     Returns the number of pieces (at most n − 1). `bounded=False` fits as the published pictures were
     fitted (see Preset.fit).
     """
     limit2 = (PROBE_MARGIN * tolerance) ** 2 if bounded else tolerance * tolerance
-    tangents = _tangents(p, n)
+    stack, tangents = room.stack, room.tangents
+    _set_tangents(p, n, tangents)
     if not bounded:  # the published fit's last handle points onwards
         tangents[n - 1, 0], tangents[n - 1, 1] = -tangents[n - 1, 0], -tangents[n - 1, 1]
-    u = np.empty(n)
-    stack = np.empty((n, 2), np.int64)
     stack[0, 0], stack[0, 1] = 0, n - 1
     depth, pieces = 1, 0
     chain[at, 0], chain[at, 1] = p[0, 0], p[0, 1]
@@ -141,7 +170,7 @@ def fit(p: NDArray[np.float64], n: int, tolerance: float, bounded: bool, chain: 
             _fit_edge(tangents, a, limit2, bounded, chain, c)
             pieces += 1
             continue
-        split = _fit_run(p, tangents, a, b, limit2, bounded, u, chain, c)
+        split = _fit_run(p, tangents, a, b, limit2, bounded, room.u, chain, c)
         if split < 0:
             pieces += 1
         else:
@@ -152,11 +181,10 @@ def fit(p: NDArray[np.float64], n: int, tolerance: float, bounded: bool, chain: 
     return pieces
 
 
-@kernel
-def _tangents(p: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+@leaf
+def _set_tangents(p: NDArray[np.float64], n: int, t: NDArray[np.float64]) -> None:
     """Unit tangents at the vertices: inside, the directions of both edges weighted by the other's length
     (exact on a circle); at the ends, the neighbour's tangent mirrored in the edge where that turns gently."""
-    t = np.empty((n, 2))
     for k in range(1, n - 1):
         ax, ay = p[k, 0] - p[k - 1, 0], p[k, 1] - p[k - 1, 1]
         bx, by = p[k + 1, 0] - p[k, 0], p[k + 1, 1] - p[k, 1]
@@ -177,10 +205,9 @@ def _tangents(p: NDArray[np.float64], n: int) -> NDArray[np.float64]:
             along = t[inner, 0] * dx + t[inner, 1] * dy
             if along > 0.8:
                 t[end, 0], t[end, 1] = 2.0 * along * dx - t[inner, 0], 2.0 * along * dy - t[inner, 1]
-    return t
 
 
-@kernel
+@leaf
 def _fit_edge(t: NDArray[np.float64], a: int, limit2: float, bounded: bool, chain: NDArray[np.float64], c: int) -> None:
     """One cubic over the single edge a – a + 1: handles of a third, shrunk until the curve stays close."""
     x0, y0, x1, y1 = chain[c, 0], chain[c, 1], chain[c + 3, 0], chain[c + 3, 1]
@@ -192,7 +219,7 @@ def _fit_edge(t: NDArray[np.float64], a: int, limit2: float, bounded: bool, chai
         handle *= 0.5
 
 
-@kernel
+@leaf
 def _fit_run(
     p: NDArray[np.float64],
     t: NDArray[np.float64],
@@ -224,7 +251,7 @@ def _fit_run(
     return split
 
 
-@kernel
+@leaf
 def _least_squares_handles(
     p: NDArray[np.float64],
     t: NDArray[np.float64],
@@ -264,7 +291,7 @@ def _least_squares_handles(
     _set_handles(t, a, b, left, right, chain, c)
 
 
-@kernel
+@leaf
 def _set_handles(
     t: NDArray[np.float64], a: int, b: int, left: float, right: float, chain: NDArray[np.float64], c: int
 ) -> None:
@@ -272,7 +299,7 @@ def _set_handles(
     chain[c + 2, 0], chain[c + 2, 1] = chain[c + 3, 0] - right * t[b, 0], chain[c + 3, 1] - right * t[b, 1]
 
 
-@kernel
+@leaf
 def _worst(
     p: NDArray[np.float64], a: int, b: int, bounded: bool, u: NDArray[np.float64], chain: NDArray[np.float64], c: int
 ) -> tuple[float, int]:
@@ -291,7 +318,7 @@ def _worst(
     return worst, min(max(split, a + 1), b - 1)
 
 
-@kernel
+@leaf
 def _edge_deviation2(
     chain: NDArray[np.float64], c: int, t0: float, t1: float, x0: float, y0: float, x1: float, y1: float
 ) -> tuple[float, bool]:
@@ -335,7 +362,7 @@ def _edge_deviation2(
     return across * across + beyond * beyond, at - t0 < 0.5 * (t1 - t0)
 
 
-@kernel
+@leaf
 def _newton(chain: NDArray[np.float64], c: int, px: float, py: float, u: float) -> float:
     """One Newton step of the parameter u towards the foot of the perpendicular from p."""
     s = 1.0 - u
@@ -353,7 +380,7 @@ def _newton(chain: NDArray[np.float64], c: int, px: float, py: float, u: float) 
     return min(max(u - ((x - px) * d1x + (y - py) * d1y) / slope, 0.0), 1.0)
 
 
-@kernel
+@leaf
 def point(chain: NDArray[np.float64], c: int, t: float) -> tuple[float, float]:
     """Point at parameter t of the cubic chain[c:c + 4]."""
     s = 1.0 - t
@@ -364,7 +391,7 @@ def point(chain: NDArray[np.float64], c: int, t: float) -> tuple[float, float]:
     )
 
 
-@kernel
+@leaf
 def subdivisions(chain: NDArray[np.float64], c: int, tolerance: float) -> int:
     """Equal parameter steps after which no chord of chain[c:c + 4] is further than `tolerance` (Wang)."""
     worst = 0.0

@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from strokeplan.jit import kernel
+from strokeplan.jit import kernel, leaf
 
 Orientation = Literal["tensor", "gradient"]
 
@@ -235,7 +235,7 @@ def _pyramid(samples: NDArray[np.float32], rho: float, widest: float) -> list[tu
     return levels
 
 
-@kernel
+@leaf
 def _eigensystem(
     jxx: NDArray[np.float32],
     jxy: NDArray[np.float32],
@@ -252,7 +252,7 @@ def _eigensystem(
             )
 
 
-@kernel
+@leaf
 def _minor(xx: float, xy: float, yy: float, floor2: float) -> tuple[float, float, float]:
     """Closed form of the symmetric 2 × 2 eigenproblem: minor eigenvector and coherence."""
     mean = 0.5 * (xx + yy)
@@ -321,7 +321,7 @@ def _blend_finest(samples: NDArray[np.float32], coarse: NDArray[np.float32], jud
             samples[i, j, 0], samples[i, j, 1], samples[i, j, 2] = _minor(xx, xy, yy, 0.0)
 
 
-@kernel
+@leaf
 def _blended(
     xx: float,
     xy: float,
@@ -356,7 +356,7 @@ def _blended(
     )
 
 
-@kernel
+@leaf
 def _enlarged_row(coarse: NDArray[np.float32], i: int, between: NDArray[np.float64], out: NDArray[np.float32]) -> None:
     """Row `i` of a level (values, rows, columns) at twice its size, bilinear; `between` is scratch.
 

@@ -21,7 +21,20 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def kernel(function: F) -> F:
     """Compile `function` lazily in nopython mode; the decorated function keeps its type."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    return _compiled(function)
+
+
+def leaf(function: F) -> F:
+    """A kernel that makes no array, compiled without counting the references to those that it is given.
+
+    The counts are atomic: a helper that is called for every pixel spends more time on them than on its
+    work, and threads that share a picture wait for each other.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def _compiled(function: F, **options: Any) -> F:
+    options = {"nogil": True, "error_model": "numpy", **options}
     try:
         dispatcher: Any = numba.njit(cache=True, **options)(function)
     except RuntimeError:
@@ -39,7 +52,7 @@ def _sources() -> str:
     digest = blake2b()
     for module in sorted(Path(__file__).parent.glob("*.py")):
         source = module.read_bytes()
-        if b"@kernel" in source:
+        if b"@kernel" in source or b"@leaf" in source:
             digest.update(source)
     return digest.hexdigest()
 

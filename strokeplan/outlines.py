@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.curves import fit, point, rdp, subdivisions
+from strokeplan.curves import fit, point, rdp, scratch, subdivisions
 from strokeplan.jit import kernel
 
 MAX_ARC_STEP = np.pi / 6
@@ -264,12 +264,12 @@ def _fitted(polygon: NDArray[np.float64], turn: int, tolerance: float) -> NDArra
         return np.empty((0, 2))
     closed = np.empty((n + 1, 2))
     closed[:n], closed[n] = polygon, polygon[0]
-    vertices = np.empty((n + 1, 2))
+    vertices, room = np.empty((n + 1, 2)), scratch(n + 1)
     chain = np.empty((3 * n + 4, 2))
     chain[0] = polygon[0]
     at = 0
     for first, last in ((0, turn), (turn, n)):
-        count = rdp(closed, first, last + 1, POLYGON_PART * tolerance, vertices)
+        count = rdp(closed, first, last + 1, POLYGON_PART * tolerance, vertices, room)
         begin = 0
         for k in range(1, count):
             if k < count - 1:
@@ -278,7 +278,7 @@ def _fitted(polygon: NDArray[np.float64], turn: int, tolerance: float) -> NDArra
                 if abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by)) < CORNER:
                     continue
             at += 3 * fit(
-                vertices[begin : k + 1], k + 1 - begin, (1.0 - 2.0 * POLYGON_PART) * tolerance, True, chain, at
+                vertices[begin : k + 1], k + 1 - begin, (1.0 - 2.0 * POLYGON_PART) * tolerance, True, chain, at, room
             )
             begin = k
     return chain[: at + 1]

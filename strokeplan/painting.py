@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.canvas import Packed, mean_distance, paint_chain
-from strokeplan.curves import fit, rdp
+from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
-from strokeplan.jit import is_cached, kernel
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.presets import LayerPreset, Preset
 from strokeplan.tractography import splitmix64, trace, tract_capacity
 
@@ -281,7 +281,7 @@ def compiled() -> bool:
     return is_cached(_paint_cells)
 
 
-@kernel
+@leaf
 def _cell_distance(scene: _Scene, cell: int, photo_gain: float) -> tuple[float, float, float]:
     """Mean distance of photo and canvas in a cell, and its seed x, y."""
     row, column = divmod(cell, len(scene.columns.start))
@@ -292,7 +292,7 @@ def _cell_distance(scene: _Scene, cell: int, photo_gain: float) -> tuple[float, 
     return distance, scene.columns.seed[column], scene.rows.seed[row]
 
 
-@kernel
+@leaf
 def _trace_stroke(
     scene: _Scene,
     brush: Brush,
@@ -301,6 +301,7 @@ def _trace_stroke(
     y: float,
     tract: NDArray[np.float64],
     vertices: NDArray[np.float64],
+    room: Scratch,
     chain: NDArray[np.float64],
     at: int,
 ) -> tuple[int, np.uint32]:
@@ -315,23 +316,25 @@ def _trace_stroke(
     colour = _colour(scene.photo, middle_x, middle_y)
     if last - first < 2 or length < brush.min_length:
         return 0, colour
-    n = rdp(tract, first, last, brush.simplify_tolerance, vertices)
+    n = rdp(tract, first, last, brush.simplify_tolerance, vertices, room)
     if n < brush.min_vertices:
         return 0, colour
-    return fit(vertices, n, brush.fit_tolerance, brush.bounded, chain, at), colour
+    return fit(vertices, n, brush.fit_tolerance, brush.bounded, chain, at, room), colour
 
 
 @kernel
 def _trace_cells(scene: _Scene, brush: Brush, capacity: int, begin: int, end: int, ahead: _Ahead) -> None:
     """Trace the cells order[begin:end] that would be tried if it were their turn now."""
-    tract, vertices = np.empty((capacity, 2)), np.empty((capacity, 2))
+    tract, vertices, room = np.empty((capacity, 2)), np.empty((capacity, 2)), scratch(capacity)
     used = 0
     for k in range(begin, end):
         if used + 3 * capacity + 1 > len(ahead.points):
             return
         distance, x, y = _cell_distance(scene, scene.order[k], brush.photo_gain)
         if distance > brush.threshold:
-            pieces, colour = _trace_stroke(scene, brush, scene.order[k], x, y, tract, vertices, ahead.points, used)
+            pieces, colour = _trace_stroke(
+                scene, brush, scene.order[k], x, y, tract, vertices, room, ahead.points, used
+            )
             ahead.first[k - begin], ahead.pieces[k - begin], ahead.colours[k - begin] = used, pieces, colour
             used += 3 * pieces + 1
 
@@ -357,6 +360,7 @@ def _paint_cells(
     columns, for the caller to enlarge them.
     """
     tract, vertices, own = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2))
+    room = scratch(capacity)
     while at < end:
         if used + 4 * capacity > len(points) or laid + capacity > len(counts):
             return at, laid, used
@@ -369,7 +373,7 @@ def _paint_cells(
         pieces, colour = ahead.pieces[traced], ahead.colours[traced]
         if pieces < 0:
             chain, first = own, 0
-            pieces, colour = _trace_stroke(scene, brush, cell, x, y, tract, vertices, own, 0)
+            pieces, colour = _trace_stroke(scene, brush, cell, x, y, tract, vertices, room, own, 0)
         # One stroke of all pieces, or one of each.
         part = 1 if brush.per_piece else max(pieces, 1)
         for piece in range(0, pieces, part):
@@ -386,7 +390,7 @@ def _paint_cells(
     return at, laid, used
 
 
-@kernel
+@leaf
 def _middle(points: NDArray[np.float64], first: int, last: int) -> tuple[float, float, float]:
     """Length of the polyline points[first:last], and the point half way along it."""
     length = 0.0
@@ -402,7 +406,7 @@ def _middle(points: NDArray[np.float64], first: int, last: int) -> tuple[float, 
     return length, points[last - 1, 0], points[last - 1, 1]
 
 
-@kernel
+@leaf
 def _colour(photo: Packed, x: float, y: float) -> np.uint32:
     """The photo's colour at a point, bilinear between pixel centres; points outside take the nearest edge."""
     height, width = photo.shape

@@ -37,20 +37,20 @@ from strokeplan.painting import BEND_WIDTHS, LayerStrokes, Workers, layer_brush,
 from strokeplan.palette import choose_colors, color_table, plan_palette
 from strokeplan.presets import LayerPreset, Preset, load_preset
 from strokeplan.pressure import add_pressure
-from strokeplan.pursuit import SEEDINGS, Pursuit, Rules
+from strokeplan.pursuit import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Pursuit, Rules
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.tractography import splitmix64, track
 from strokeplan.version import __version__
 
-FINEST_PX = 1.8
+FINEST_PX = 2.0
 """A preset of relative lengths is planned at the resolution at which its finest brush is this wide …"""
 SPARED = 1.25
 """… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
 LARGEST_ENLARGEMENT = 4.0
 """A photo smaller than this part of that resolution has nothing that a brush so fine could show."""
-UNSEEN = 100.0
+UNSEEN = 150.0
 """Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
-6 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
+7 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
 PRUNE = 0.5
 """At the end strokes are dropped that are missed by less than this part of what a stroke must gain."""
 DECIMALS = 2
@@ -222,9 +222,7 @@ def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes]
         began = perf_counter()
         laid = sum(len(strokes.counts) for strokes in layers)
         tell = job.teller(number, laid, lambda: _canvas_error(job.pixels, canvas, ERROR_STRIDE))
-        layers.append(
-            paint_layer(job.pixels, canvas, field, job.preset, layer, (job.seed, number), workers, tell)
-        )
+        layers.append(paint_layer(job.pixels, canvas, field, job.preset, layer, (job.seed, number), workers, tell))
         job.waited("strokes", began)
         del field  # the largest thing there is, and the next layer's waits
     return layers, canvas
@@ -250,7 +248,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
                 fields.append(waiting.popleft()())
                 job.waited("fields", began)
             began = perf_counter()
-            least = gain * 1e-6 * (pursuit.error_to_beat() + UNSEEN * weight.size)
+            least = gain * layer.gain * 1e-6 * (pursuit.error_to_beat() + UNSEEN * weight.size)
             tell = job.teller(number, pursuit.strokes, pursuit.mean_distance)
             rules = _rules(preset, layer, number, least, float(weight.min()) < float(weight.max()))
             pursuit.paint_layer(
@@ -269,14 +267,17 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
 
 
 def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
-    by_gain = preset.keep == "gain"
+    by_gain, cover = preset.keep == "gain", preset.cover and number == 1
+    trigger = TRIGGER * gain / (layer.width * layer.length) if by_gain else layer.color_threshold
+    if by_gain and cover:
+        trigger = UNCOVERED
     return Rules(
         seeding=SEEDINGS[preset.seeding],
-        cell=max(layer.width, 1.0),
+        cell=max(layer.width * (CELL_WIDTHS if by_gain and not cover else 1), 1.0),
         by_gain=by_gain,
         gain=gain,
-        trigger=gain / (layer.width * layer.length) if by_gain else layer.color_threshold,
-        cover=preset.cover and number == 1,
+        trigger=trigger,
+        cover=cover,
         separation=preset.separation * layer.width,
         vary_width=uneven,
     )

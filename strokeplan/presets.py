@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Meta
 
-from strokeplan.color_settings import HexColor
 from strokeplan.color_settings import ColorStyle, HexColor, LayerColors
 from strokeplan.errors import PresetError
 
@@ -40,6 +39,8 @@ class LayerPreset(LayerColors, frozen=True, forbid_unknown_fields=True, kw_only=
     """Width of the brush, and side of the grid's cells (Table 1)."""
     color_threshold: Annotated[float, Meta(ge=0, le=442)] = 0.0
     """A cell is tried when the mean RGB distance of photo and canvas exceeds this (Table 1), if not by gain."""
+    gain: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0
+    """What a stroke of this layer must gain to be kept, in parts of what the preset asks for."""
     min_length: Length = 0.0
     """Tracts shorter than this are dropped."""
     simplify_tolerance: Length = 0.25

@@ -22,31 +22,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.canvas import Packed, footprint, mean_distance
-from strokeplan.curves import fit, rdp
+from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
+from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
-from strokeplan.jit import kernel
+from strokeplan.jit import kernel, leaf
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
 from strokeplan.tractography import splitmix64, trace, tract_capacity
 
-SECTIONS = 24
+SECTIONS = 12
 """Stretches of a tract begin and end at this many of its points at most; all pairs are compared."""
 ACROSS = 8
 """Pixels sampled across a tract to choose a stretch, at most: wide brushes are sampled coarsely."""
+FIRST_LOOK = 0.3
+"""Part of a stroke's length that is followed at first: most seeds are given up then, or found to need no more."""
+HOPE = 0.3
+"""Part of the gain asked for that the first look must promise, to be followed further."""
 ESTIMATE = 0.8
 """Stretches whose sampled gain falls below this part of what is asked for are not fitted and measured."""
-BARE = 1e9
+TRIGGER = 2.0
+"""A cell is tried if strokes of this part of the greatest length, all as bad as the cell, would gain enough."""
+CELL_WIDTHS = 2.0
+"""Side of the cells of strokes kept by gain, in widths of their brush. With cells of one width, three times as
+many seeds are tried for 0.1 dB at the same number of strokes."""
+BARE = 2.0**40
 """Error of a pixel that must be covered and is bare: above all that a stroke of any width can lose."""
+UNCOVERED = 2.0**20
+"""Least mean error of a cell that holds a bare pixel, while none without is as bad: a picture is covered by strokes
+that are needed for that, before it is bettered."""
 TRIES = 8
 """Most strokes tried for each cell of a strip."""
 NARROWEST, WIDEST = 0.5, 2.0
 """Bounds of a stroke's width in widths of its brush, where importance varies it."""
+LIMIT_STEPS = 20
+"""Strokes in excess of a limit go in parts of one in so many of those there are."""
 TEST_DISTANCE = 0.5
 """Evenly spaced tracts end this near to another, in separations (Jobard and Lefer's d_test)."""
 
@@ -119,6 +134,7 @@ class _Easel(NamedTuple):
     chain: NDArray[np.float64]
     sums: NDArray[np.float64]
     pixels: NDArray[np.int32]
+    room: Scratch
 
 
 class _Kept(NamedTuple):
@@ -271,13 +287,12 @@ class Pursuit:
         count = max(int(max(height, width) // (2 * reach)), 1)
         edges = [round(max(height, width) * k / count) for k in range(count + 1)]
         windows = [
-            (0, height, low, high) if width >= height else (low, high, 0, width)
-            for low, high in zip(edges, edges[1:], strict=False)
+            (0, height, low, high) if width >= height else (low, high, 0, width) for low, high in pairwise(edges)
         ]
         tries = [TRIES * len(_cells(window, rules.cell)) for window in windows]
         first_id = self.strokes + sum(tries)  # above what any stroke of the layer will be numbered
-        for window, most in zip(windows, tries, strict=True):
-            yield Strip(*window, first_id, self.marks)
+        for (top, bottom, left, right), most in zip(windows, tries, strict=True):
+            yield Strip(top, bottom, left, right, first_id, self.marks)
             first_id += most
             self.marks += 3 * most
 
@@ -302,17 +317,26 @@ class Pursuit:
             self._look_below()
             costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
             costs[~seen] = -np.inf
-            surplus = np.argsort(costs, kind="stable")[: self.strokes - most]
+            # Not all at once: what lies below a stroke that goes is missed more afterwards.
+            surplus = min(self.strokes - most, max(self.strokes // LIMIT_STEPS, 1))
             drop = np.zeros(len(costs), np.bool_)
-            drop[surplus] = True
-            self._drop(drop, costs, keep_covered=False)
+            drop[np.argsort(costs, kind="stable")[:surplus]] = True
+            self._leave_out(drop)
+        self._look_below()
 
     def _look_below(self) -> None:
         """Find anew what each pixel shows, and what lies below that."""
-        columns = (np.concatenate([getattr(layer, name) for layer in self.layers]) for name in ("points", "counts", "widths"))
         self.marks += self.strokes
-        _look_below(self.ids, self.below, self.stamp, *columns, self.marks)
+        _look_below(self.ids, self.below, self.stamp, *self._outlines(), self.marks)
         self.refit()
+
+    def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Points, counts and widths of all strokes."""
+        return (
+            np.concatenate([layer.points for layer in self.layers]),
+            np.concatenate([layer.counts for layer in self.layers]),
+            np.concatenate([layer.widths for layer in self.layers]),
+        )
 
     def thin(self, least: float) -> None:
         """Drop strokes that differ from what lies below them by less than a mean RGB distance of `least`."""
@@ -323,18 +347,18 @@ class Pursuit:
         """Take strokes away; where two lie on each other, the one that is worth more stays."""
         _spare(self.ids, self.below, worth, drop)
         if keep_covered:
-            points = np.concatenate([layer.points for layer in self.layers])
-            counts = np.concatenate([layer.counts for layer in self.layers])
-            widths = np.concatenate([layer.widths for layer in self.layers])
-            self.marks += 2 * len(counts)
-            _keep_covered(self.stamp, points, counts, widths, drop, self.marks)
+            self.marks += len(drop)
+            _keep_covered(self.stamp, *self._outlines(), drop, self.marks)
         _uncover(self.ids, self.below, drop, np.cumsum(~drop, dtype=np.int32) - np.int32(1))
+        self._leave_out(drop)
+        self.refit()
+
+    def _leave_out(self, drop: NDArray[np.bool_]) -> None:
         for layer, dropped in zip(self.layers, self._by_layer(drop), strict=True):
             layer.points = layer.points[np.repeat(~dropped, layer.counts)]
             layer.counts, layer.widths, layer.colours = (
                 column[~dropped] for column in (layer.counts, layer.widths, layer.colours)
             )
-        self.refit()
 
     def _by_layer(self, column: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(column, np.cumsum([len(layer.counts) for layer in self.layers])[:-1])
@@ -356,7 +380,7 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip, capacit
     room = int((2 * brush.length + 2 * widest + 64) * (max(widest, 2 * rules.separation) + 4))
     easel = _Easel(
         np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2)), np.zeros((capacity + 1, 6)),
-        np.empty((room, 2), np.int32),
+        np.empty((room, 2), np.int32), scratch(capacity),
     )  # fmt: skip
     kept = _Kept(np.empty((4096, 2)), np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.uint32))
     tally = _Tally(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64))
@@ -367,9 +391,17 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip, capacit
         i, j, dab = _next_seed(scene, rules, strip, seeds, kept, tally)
         if i < 0:
             break
-        kept = _try(scene, brush, rules, strip, easel, kept, tally, i, j, dab)
+        n, used = tally.strokes[0], tally.points[0]
+        if n == len(kept.counts) or used + len(easel.chain) > len(kept.points):
+            kept = _with_room(kept, n, used, len(easel.chain))
+        _try(scene, brush, rules, strip, easel, kept, tally, i, j, dab)
     n = tally.strokes[0]
-    return kept.points[: tally.points[0]].copy(), kept.counts[:n].copy(), kept.widths[:n].copy(), kept.colours[:n].copy()
+    return (
+        kept.points[: tally.points[0]].copy(),
+        kept.counts[:n].copy(),
+        kept.widths[:n].copy(),
+        kept.colours[:n].copy(),
+    )
 
 
 @kernel
@@ -392,7 +424,7 @@ def _sow(scene: Scene, rules: Rules, strip: Strip) -> _Seeds:
     return _Seeds(order, mass, tree, state)
 
 
-@kernel
+@leaf
 def _next_seed(
     scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, kept: _Kept, tally: _Tally
 ) -> tuple[int, int, bool]:
@@ -423,7 +455,7 @@ def _next_seed(
     return -1, -1, False
 
 
-@kernel
+@leaf
 def _draw_seed(scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, tally: _Tally) -> tuple[int, int]:
     """A pixel drawn with a probability proportional to its present error, until the mean is no more than asked for.
 
@@ -452,7 +484,7 @@ def _draw_seed(scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, tally: _
     return -1, -1
 
 
-@kernel
+@leaf
 def _seed_beside(
     scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, kept: _Kept, tally: _Tally
 ) -> tuple[int, int]:
@@ -488,7 +520,7 @@ def _seed_beside(
                 return i, j
 
 
-@kernel
+@leaf
 def _try(
     scene: Scene,
     brush: Brush,
@@ -500,7 +532,7 @@ def _try(
     i: int,
     j: int,
     dab: bool,
-) -> _Kept:
+) -> None:
     """Keep the stroke through pixel (i, j) if it is worth it; `dab`: the shortest there is, whatever it is worth."""
     rows, columns = scene.photo.shape
     tract, chain = easel.tract, easel.chain
@@ -517,62 +549,65 @@ def _try(
         tract[1, 0], tract[1, 1] = j + 0.5 + 0.1 * width, i + 0.5
         first, last = 0, 2
     else:
-        first, last = trace(
-            scene.samples, scene.scale, columns, rows, j + 0.5, i + 0.5, brush.length, brush.coherence,
-            brush.step_tolerance, brush.max_step, brush.both_ways, brush.aligned, brush.wander,
-            BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(i * columns + j)), tract,
-        )  # fmt: skip
-        first, last = _within_bounds(scene, rules, tract, first, last)
-        if rules.by_gain and last - first > 1:
-            first, last, estimate = _best_stretch(scene, tract, first, last, thick, easel.sums)
-            if estimate < ESTIMATE * rules.gain:
-                return kept
+        first, last = 0, 0
+        for look in range(2) if rules.by_gain else range(1, 2):
+            first, last = trace(
+                scene.samples, scene.scale, columns, rows, j + 0.5, i + 0.5,
+                brush.length * (FIRST_LOOK if look == 0 else 1.0), brush.coherence,
+                brush.step_tolerance, brush.max_step, brush.both_ways, brush.aligned, brush.wander,
+                BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(i * columns + j)), tract,
+            )  # fmt: skip
+            first, last = _within_bounds(scene, rules, tract, first, last)
+            if rules.by_gain and last - first > 1:
+                begin, end = first, last
+                first, last, estimate = _best_stretch(scene, tract, first, last, thick, easel.sums)
+                ends_inside = begin < first and last < end
+                if estimate < rules.gain * (ESTIMATE if look == 1 or ends_inside else HOPE):
+                    return
+                if ends_inside:
+                    break
         if _length(tract, first, last) < brush.min_length:
-            return kept
-    n = rdp(tract, first, last, brush.simplify_tolerance, easel.vertices) if last - first > 1 else 0
+            return
+    n = rdp(tract, first, last, brush.simplify_tolerance, easel.vertices, easel.room) if last - first > 1 else 0
     if n < (2 if dab else brush.min_vertices):
-        return kept
-    pieces = fit(easel.vertices, n, brush.fit_tolerance, brush.bounded, chain, 0)
+        return
+    pieces = fit(easel.vertices, n, brush.fit_tolerance, brush.bounded, chain, 0, easel.room)
     covered = footprint(scene.stamp, mark, chain, 0, pieces, thick, brush.round_cap, easel.pixels)
     gain, colour = _gain(scene, easel.pixels, covered)
     if covered == 0 or (rules.by_gain and not dab and gain < rules.gain):
-        return kept
+        return
     _lay(scene, easel.pixels, covered, strip.first_id + tally.strokes[0], colour)
     if rules.seeding == EVEN:
         for k, lane, distance in ((1, _NEAR, TEST_DISTANCE * rules.separation), (2, _LANE, rules.separation)):
             marked = footprint(scene.stamp, mark + k, chain, 0, pieces, 2.0 * distance, True, easel.pixels)
             for p in range(marked):
                 scene.lanes[easel.pixels[p, 0], easel.pixels[p, 1]] |= lane
-    return _keep(kept, tally, chain, 3 * pieces + 1, width, colour)
-
-
-@kernel
-def _keep(
-    kept: _Kept, tally: _Tally, chain: NDArray[np.float64], count: int, width: float, colour: np.uint32
-) -> _Kept:
-    """Add a stroke; the columns are longer ones if these were full."""
     n, used = tally.strokes[0], tally.points[0]
-    if n == len(kept.counts) or used + count > len(kept.points):
-        points, counts = np.empty((2 * len(kept.points) + count, 2)), np.empty(2 * n, np.int64)
-        widths, colours = np.empty(2 * n), np.empty(2 * n, np.uint32)
-        points[:used], counts[:n], widths[:n], colours[:n] = (
-            kept.points[:used], kept.counts[:n], kept.widths[:n], kept.colours[:n],
-        )  # fmt: skip
-        kept = _Kept(points, counts, widths, colours)
-    kept.points[used : used + count] = chain[:count]
-    kept.counts[n], kept.widths[n], kept.colours[n] = count, width, colour
+    for k in range(3 * pieces + 1):
+        kept.points[used + k, 0], kept.points[used + k, 1] = chain[k, 0], chain[k, 1]
+    kept.counts[n], kept.widths[n], kept.colours[n] = 3 * pieces + 1, width, colour
     tally.strokes[0] += 1
-    tally.points[0] += count
-    return kept
+    tally.points[0] += 3 * pieces + 1
 
 
 @kernel
+def _with_room(kept: _Kept, strokes: int, used: int, more: int) -> _Kept:
+    """Longer columns with the same strokes in front."""
+    points, counts = np.empty((2 * len(kept.points) + more, 2)), np.empty(2 * strokes + 64, np.int64)
+    widths, colours = np.empty(2 * strokes + 64), np.empty(2 * strokes + 64, np.uint32)
+    points[:used], counts[:strokes], widths[:strokes], colours[:strokes] = (
+        kept.points[:used], kept.counts[:strokes], kept.widths[:strokes], kept.colours[:strokes],
+    )  # fmt: skip
+    return _Kept(points, counts, widths, colours)
+
+
+@leaf
 def _shape(strip: Strip, side: float) -> tuple[int, int]:
     """Rows and columns of the cells of a strip."""
     return int(np.ceil((strip.bottom - strip.top) / side)), int(np.ceil((strip.right - strip.left) / side))
 
 
-@kernel
+@leaf
 def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
     """Pixels top, bottom, left, right of a cell."""
     row, column = divmod(cell, _shape(strip, rules.cell)[1])
@@ -581,13 +616,13 @@ def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
     return top, bottom, left, right
 
 
-@kernel
+@leaf
 def _centre(rules: Rules, strip: Strip, cell: int) -> tuple[int, int]:
     top, bottom, left, right = _window(rules, strip, cell)
     return (top + bottom) // 2, (left + right) // 2
 
 
-@kernel
+@leaf
 def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float, int, int]:
     """Mean of a cell, see Rules.trigger, and its pixel of the largest error."""
     top, bottom, left, right = _window(rules, strip, cell)
@@ -602,7 +637,7 @@ def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float,
     return total / max((bottom - top) * (right - left), 1), worst_i, worst_j
 
 
-@kernel
+@leaf
 def _mass(scene: Scene, rules: Rules, strip: Strip, cell: int) -> float:
     """What a cell weighs when seeds are drawn: nothing if it need not be tried."""
     mean = _survey(scene, rules, strip, cell)[0]
@@ -610,7 +645,7 @@ def _mass(scene: Scene, rules: Rules, strip: Strip, cell: int) -> float:
     return mean * (bottom - top) * (right - left) if mean > rules.trigger else 0.0
 
 
-@kernel
+@leaf
 def _draw_pixel(scene: Scene, rules: Rules, strip: Strip, cell: int, share: float) -> tuple[int, int]:
     """The pixel of a cell at which the sum of its errors passes `share`."""
     top, bottom, left, right = _window(rules, strip, cell)
@@ -622,13 +657,13 @@ def _draw_pixel(scene: Scene, rules: Rules, strip: Strip, cell: int, share: floa
     return bottom - 1, right - 1
 
 
-@kernel
+@leaf
 def _random(key: np.uint64, counter: int) -> float:
     """A number in [0, 1) for each key and counter."""
     return float(splitmix64(key, np.uint64(counter)) >> np.uint64(11)) * 2.0**-53
 
 
-@kernel
+@leaf
 def _change(tree: NDArray[np.float64], mass: NDArray[np.float64], cell: int, value: float) -> None:
     """Give a cell of a Fenwick tree (P. Fenwick 1994) another mass."""
     change = value - mass[cell]
@@ -639,7 +674,7 @@ def _change(tree: NDArray[np.float64], mass: NDArray[np.float64], cell: int, val
         k += k & -k
 
 
-@kernel
+@leaf
 def _prefix(tree: NDArray[np.float64], cells: int) -> float:
     """Mass of the first cells."""
     total, k = 0.0, cells
@@ -649,7 +684,7 @@ def _prefix(tree: NDArray[np.float64], cells: int) -> float:
     return total
 
 
-@kernel
+@leaf
 def _find(tree: NDArray[np.float64], share: float) -> int:
     """The cell in which the running mass passes `share`."""
     k, step = 0, 1
@@ -663,15 +698,12 @@ def _find(tree: NDArray[np.float64], share: float) -> int:
     return min(k, len(tree) - 2)
 
 
-@kernel
-def _within_bounds(
-    scene: Scene, rules: Rules, tract: NDArray[np.float64], first: int, last: int
-) -> tuple[int, int]:
+@leaf
+def _within_bounds(scene: Scene, rules: Rules, tract: NDArray[np.float64], first: int, last: int) -> tuple[int, int]:
     """The stretch of tract[first:last] around its seed that stays in one region and clear of evenly spaced strokes."""
     if scene.regions.size == 1 and rules.seeding != EVEN:
         return first, last
     seed = len(tract) // 2
-    rows, columns = scene.photo.shape
     region = _label(scene, tract, seed)
     begin = end = seed
     while begin > first and _label(scene, tract, begin - 1) == region:
@@ -681,7 +713,7 @@ def _within_bounds(
     return begin, end + 1
 
 
-@kernel
+@leaf
 def _label(scene: Scene, tract: NDArray[np.float64], k: int) -> int:
     """The region of a point of a tract; −1 if it is too near to a stroke that it must not approach."""
     rows, columns = scene.photo.shape
@@ -692,7 +724,7 @@ def _label(scene: Scene, tract: NDArray[np.float64], k: int) -> int:
     return int(scene.regions[i, j]) if scene.regions.size > 1 else 0
 
 
-@kernel
+@leaf
 def _length(points: NDArray[np.float64], first: int, last: int) -> float:
     """Of the polyline points[first:last]."""
     length = 0.0
@@ -701,7 +733,7 @@ def _length(points: NDArray[np.float64], first: int, last: int) -> float:
     return length
 
 
-@kernel
+@leaf
 def _best_stretch(
     scene: Scene, tract: NDArray[np.float64], first: int, last: int, width: float, sums: NDArray[np.float64]
 ) -> tuple[int, int, float]:
@@ -756,14 +788,14 @@ def _best_stretch(
     return first + best_a, first + best_b + 1, best
 
 
-@kernel
+@leaf
 def _pixel(photo: Packed, weight: NDArray[np.float32], i: int, j: int) -> tuple[float, float, float, float]:
     """Weight, red, green and blue of the photo."""
     value = np.int64(photo[i, j])
     return float(weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
 
 
-@kernel
+@leaf
 def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.uint32]:
     """What a footprint in its best colour takes from the error, and that colour."""
     photo, weight, error = scene.photo, scene.weight, scene.error
@@ -786,16 +818,16 @@ def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.ui
     return old - left, colour
 
 
-@kernel
+@leaf
 def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -> np.uint32:
     """The packed colour that stands for a mean of colours."""
     r, g, b = int(red + 0.5), int(green + 0.5), int(blue + 0.5)
     if len(choice) > 0:
-        return choice[((r >> 3) << 10) | ((g >> 3) << 5) | (b >> 3)]
+        return np.uint32(choice[((r >> 3) << 10) | ((g >> 3) << 5) | (b >> 3)])
     return np.uint32((r << 16) | (g << 8) | b)
 
 
-@kernel
+@leaf
 def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     """Between two packed colours."""
     x, y = np.int64(a), np.int64(b)
@@ -803,7 +835,7 @@ def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     return float(dr * dr + dg * dg + db * db)
 
 
-@kernel
+@leaf
 def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: np.uint32) -> None:
     photo, weight, error, ids, below = scene.photo, scene.weight, scene.error, scene.ids, scene.below
     for k in range(n):
@@ -812,7 +844,7 @@ def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: n
         below[i, j], ids[i, j] = ids[i, j], stroke
 
 
-@kernel
+@leaf
 def _renumber(
     ids: NDArray[np.int32], below: NDArray[np.int32], provisional: NDArray[np.int64], final: NDArray[np.int64]
 ) -> None:
@@ -855,7 +887,7 @@ def _mean_colours(
     return means
 
 
-@kernel
+@leaf
 def _measure_error(
     photo: Packed,
     weight: NDArray[np.float32],
@@ -901,7 +933,7 @@ def _removal_costs(
     return costs, seen
 
 
-@kernel
+@leaf
 def _spare(
     ids: NDArray[np.int32], below: NDArray[np.int32], costs: NDArray[np.float64], drop: NDArray[np.bool_]
 ) -> None:
@@ -914,7 +946,7 @@ def _spare(
                 drop[top if costs[top] > costs[under] else under] = False
 
 
-@kernel
+@leaf
 def _uncover(
     ids: NDArray[np.int32], below: NDArray[np.int32], drop: NDArray[np.bool_], number: NDArray[np.int32]
 ) -> None:
@@ -979,21 +1011,25 @@ def _keep_covered(
     mark: int,
 ) -> None:
     """Take back what is to be dropped and covers a pixel that no other stroke covers with half a pixel to spare."""
-    solid = np.zeros(stamp.shape, np.bool_)
+    solid = np.zeros(stamp.shape, np.uint32)
+    first = 0
+    for stroke in range(len(counts)):
+        if not drop[stroke]:
+            thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
+            paint_chain(solid, points, first, counts[stroke] // 3, thin, True, np.uint32(1))
+        first += counts[stroke]
     pixels = np.empty((stamp.size, 2), np.int32)
-    for taken_back in (False, True):
-        first = 0
-        for stroke in range(len(counts)):
-            pieces = counts[stroke] // 3
-            if drop[stroke] == taken_back:
-                width = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
-                mark -= 1
-                n = footprint(stamp, mark, points, first, pieces, width, True, pixels)
-                needed = not taken_back
+    first = 0
+    for stroke in range(len(counts)):
+        if drop[stroke]:
+            mark -= 1
+            thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
+            n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, True, pixels)
+            needed = False
+            for k in range(n):
+                needed = needed or solid[pixels[k, 0], pixels[k, 1]] == 0
+            if needed:
+                drop[stroke] = False
                 for k in range(n):
-                    needed = needed or not solid[pixels[k, 0], pixels[k, 1]]
-                if needed:
-                    drop[stroke] = False
-                    for k in range(n):
-                        solid[pixels[k, 0], pixels[k, 1]] = True
-            first += counts[stroke]
+                    solid[pixels[k, 0], pixels[k, 1]] = 1
+        first += counts[stroke]

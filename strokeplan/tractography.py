@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.field import OrientationField
-from strokeplan.jit import kernel
+from strokeplan.jit import leaf
 
 STEP_TOLERANCE_PX = 0.05
 """Default largest estimated error of one accepted step. With it the tracts of rings of radius 10 px and
@@ -82,7 +82,7 @@ def tract_capacity(max_length: float) -> int:
     return 2 * (int(2 * max_length) + 32) + 1
 
 
-@kernel
+@leaf
 def trace(
     samples: NDArray[np.float32],
     scale: float,
@@ -125,7 +125,7 @@ def trace(
     return first, last + 1
 
 
-@kernel
+@leaf
 def _follow(
     samples: NDArray[np.float32],
     scale: float,
@@ -192,7 +192,7 @@ def _follow(
     return at
 
 
-@kernel
+@leaf
 def _last_valid(
     samples: NDArray[np.float32],
     scale: float,
@@ -226,7 +226,7 @@ def _last_valid(
     return bx, by
 
 
-@kernel
+@leaf
 def sample(
     samples: NDArray[np.float32], scale: float, aligned: bool, x: float, y: float, hx: float, hy: float
 ) -> tuple[float, float, float]:
@@ -258,7 +258,7 @@ def sample(
     return ux / norm, uy / norm, coherence
 
 
-@kernel
+@leaf
 def _deviated(
     ux: float, uy: float, coherence: float, wander: float, bend: float, key: np.uint64, s: float
 ) -> tuple[float, float]:
@@ -273,7 +273,7 @@ def _deviated(
     return cos * ux - sin * uy, sin * ux + cos * uy
 
 
-@kernel
+@leaf
 def _process(key: np.uint64, s: float) -> float:
     """A smooth random function of s, standard normal at every s; independent at distances of 2 and more."""
     knot = int(np.floor(s))
@@ -282,7 +282,7 @@ def _process(key: np.uint64, s: float) -> float:
     return float(np.cos(angle) * _normal(key, knot) + np.sin(angle) * _normal(key, knot + 1))
 
 
-@kernel
+@leaf
 def _normal(key: np.uint64, n: int) -> float:
     """Number n (of any sign) of a key's standard normal numbers: Box and Muller's method on two uniform ones."""
     first = np.uint64(2 * n)
@@ -291,7 +291,7 @@ def _normal(key: np.uint64, n: int) -> float:
     return float(np.sqrt(-2.0 * np.log(one)) * np.cos(2.0 * np.pi * two))
 
 
-@kernel
+@leaf
 def splitmix64(key: np.uint64, n: np.uint64) -> np.uint64:
     """Number n of the generator SplitMix64 seeded with `key` (Steele, Lea and Flood 2014), without those before it."""
     z = key + (n + np.uint64(1)) * _GAMMA

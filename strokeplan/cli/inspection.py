@@ -21,7 +21,7 @@ def inspect(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the figures; made if missing.")
     ],
-    preset: PresetOption = "paper",
+    preset: PresetOption = "fine",
     seed: SeedOption = 0,
     settings: SetOption = None,
     layer: Annotated[int, typer.Option("--layer", help="Layer whose scale is shown, from 1.")] = 2,

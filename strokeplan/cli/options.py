@@ -31,6 +31,24 @@ SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all chance; the
 OrientationOption = Annotated[
     Orientation | None, typer.Option("--orientation", help="Where direction comes from; by default as the preset says.")
 ]
+StrokesOption = Annotated[
+    int | None, typer.Option("--strokes", metavar="N", help="The best picture with at most N strokes.")
+]
+DetailOption = Annotated[
+    float | None, typer.Option("--detail", metavar="0..1", help="From bold (0) to minute (1); 0.5 is the preset's own.")
+]
+PaletteOption = Annotated[
+    str | None,
+    typer.Option(
+        "--palette",
+        metavar="K|COLOURS|FILE.gpl",
+        help="Only K colours of the photo, a list like #aabbcc,teal, or a file's.",
+    ),
+]
+MaskOption = Annotated[
+    Path | None,
+    typer.Option("--mask", metavar="IMAGE", help="Where detail matters: white most, mid grey as usual, black least."),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change one value of the preset, e.g. layers.2.width=8."),

@@ -9,13 +9,17 @@ import typer
 
 from strokeplan.cli.console import compile_kernels, echo_written, planning_bar
 from strokeplan.cli.options import (
+    DetailOption,
     ImageArgument,
+    MaskOption,
     OrientationOption,
     OutputsOption,
+    PaletteOption,
     PresetOption,
     QuietOption,
     SeedOption,
     SetOption,
+    StrokesOption,
     ThreadsOption,
 )
 
@@ -27,8 +31,12 @@ if TYPE_CHECKING:
 def plan(
     image: ImageArgument,
     output: OutputsOption,
-    preset: PresetOption = "paper",
+    preset: PresetOption = "fine",
     seed: SeedOption = 0,
+    strokes: StrokesOption = None,
+    detail: DetailOption = None,
+    palette: PaletteOption = None,
+    mask: MaskOption = None,
     orientation: OrientationOption = None,
     settings: SetOption = None,
     threads: ThreadsOption = None,
@@ -36,12 +44,17 @@ def plan(
 ) -> None:
     """Plan the strokes of a photo and write them in one or more formats."""
     begin = perf_counter()
+    import msgspec
+
     from strokeplan import formats, planner, presets
     from strokeplan.image import load_photo
+    from strokeplan.palette import parse_palette
 
     for path in output:
         formats.check_target(path, image)
     style = presets.style(preset, settings)
+    if palette is not None:
+        style = style.override(msgspec.to_builtins(parse_palette(palette)))
     reading = perf_counter()
     photo = load_photo(image)
     read = perf_counter() - reading
@@ -49,17 +62,20 @@ def plan(
     compile_kernels()
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
-        strokes = planner.plan(
+        painted = planner.plan(
             photo,
             style,
             seed,
             orientation=orientation.value if orientation else None,
+            strokes=strokes,
+            detail=detail,
+            mask=mask,
             threads=threads,
             progress=progress,
             report=reports.append,
         )
     writing = perf_counter()
-    formats.save_all(strokes, output)
+    formats.save_all(painted, output)
     if not quiet:
         seconds = {
             "read": read,
@@ -67,7 +83,7 @@ def plan(
             "write": perf_counter() - writing,
             "total": perf_counter() - begin,
         }
-        typer.echo(_summary(strokes, reports[0].error, seconds))
+        typer.echo(_summary(painted, reports[0].error, seconds))
         echo_written(*output)
 
 
