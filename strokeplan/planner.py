@@ -48,11 +48,11 @@ SPARED = 1.25
 """… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
 LARGEST_ENLARGEMENT = 4.0
 """A photo smaller than this part of that resolution has nothing that a brush so fine could show."""
-UNSEEN = 150.0
+UNSEEN = 290.0
 """Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
-7 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
+10 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
 PRUNE = 0.5
-"""At the end strokes are dropped that are missed by less than this part of what a stroke must gain."""
+"""Before the last layer strokes are dropped that are missed by less than this part of what a stroke must gain."""
 DECIMALS = 2
 """Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file."""
 ERROR_STRIDE = 8
@@ -241,7 +241,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     fields: list[OrientationField] = []
 
     def pursue(gain: float) -> Pursuit:
-        pursuit = Pursuit.begin(job.pixels, weight, job.background, regions, choice)
+        pursuit = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice)
         for number, layer in enumerate(preset.layers, start=1):
             if number > len(fields):
                 began = perf_counter()
@@ -249,21 +249,22 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
                 job.waited("fields", began)
             began = perf_counter()
             least = gain * layer.gain * 1e-6 * (pursuit.error_to_beat() + UNSEEN * weight.size)
+            if preset.keep == "gain" and number == len(preset.layers) > 1:
+                pursuit.prune(PRUNE * least)
+                pursuit.look_closely(workers)
             tell = job.teller(number, pursuit.strokes, pursuit.mean_distance)
             rules = _rules(preset, layer, number, least, float(weight.min()) < float(weight.max()))
             pursuit.paint_layer(
                 fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
             )
-            if preset.keep == "gain" and number >= len(preset.layers) - 1:
-                pursuit.prune(PRUNE * least)
             if preset.thin > 0:
                 pursuit.thin(preset.thin)
             job.waited("strokes", began)
-        pursuit.prune(-np.inf, keep_covered=preset.cover)
         return pursuit
 
     pursuit = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
-    return pursuit.layers, pursuit.canvas()
+    canvas = pursuit.finish(preset.cover and most is None, workers)
+    return pursuit.layers, canvas
 
 
 def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:

@@ -60,6 +60,10 @@ TRIES = 8
 """Most strokes tried for each cell of a strip."""
 NARROWEST, WIDEST = 0.5, 2.0
 """Bounds of a stroke's width in widths of its brush, where importance varies it."""
+SOLVES, DAMPING = 4, 0.8
+"""Steps towards the colours that suit best together, and the part of each that is taken: whole ones overshoot."""
+BANDS = 8
+"""Parts of a picture that are looked at closely one by one."""
 LIMIT_STEPS = 20
 """Strokes in excess of a limit go in parts of one in so many of those there are."""
 TEST_DISTANCE = 0.5
@@ -177,6 +181,7 @@ class Pursuit:
     regions: NDArray[np.int32]
     choice: NDArray[np.uint32]
     background: int
+    round_cap: bool
     error: NDArray[np.float32]
     ids: NDArray[np.int32]
     below: NDArray[np.int32]
@@ -190,6 +195,7 @@ class Pursuit:
         photo: Packed,
         weight: NDArray[np.float32],
         background: int,
+        round_cap: bool = True,
         regions: NDArray[np.int32] | None = None,
         choice: NDArray[np.uint32] | None = None,
     ) -> Pursuit:
@@ -201,6 +207,7 @@ class Pursuit:
             np.zeros((1, 1), np.int32) if regions is None else regions,
             np.empty(0, np.uint32) if choice is None else choice,
             background,
+            round_cap,
             error=np.empty(photo.shape, np.float32),
             ids=nobody,
             below=nobody.copy(),
@@ -227,10 +234,11 @@ class Pursuit:
         """`total_error`, but of a bare canvas that of one in the photo's mean colour: nothing is owed to paper."""
         if self.layers:
             return self.total_error()
-        mean = self.photo, self.weight, np.zeros(self.photo.shape, np.int32), np.zeros(1, np.uint32)
-        colour = _mean_colours(*mean, np.empty(0, np.uint32))
+        everywhere, sums = np.zeros(self.photo.shape, np.int32), np.zeros((1, 4))
+        _add_all(self.photo, self.weight, everywhere, sums)
+        colour = _means(sums, np.zeros(1, np.uint32), np.empty(0, np.uint32))
         error = np.empty(self.photo.shape, np.float32)
-        _measure_error(self.photo, self.weight, mean[2], colour, np.uint32(0), error)
+        _measure_error(self.photo, self.weight, everywhere, colour, np.uint32(0), error)
         return float(error.sum(dtype=np.float64))
 
     def mean_distance(self) -> float:
@@ -239,8 +247,7 @@ class Pursuit:
 
     def canvas(self) -> Packed:
         """The picture as it is."""
-        shown = np.concatenate([self.colours, np.array([self.background], np.uint32)])
-        return shown[self.ids]  # a bare pixel's −1 is the last
+        return self._with_background()[self.ids]  # a bare pixel's −1 is the last
 
     def paint_layer(
         self,
@@ -298,18 +305,62 @@ class Pursuit:
 
     def refit(self) -> None:
         """Every stroke takes the mean colour of what it shows; the error follows."""
-        colours = _mean_colours(self.photo, self.weight, self.ids, self.colours, self.choice)
+        sums = np.zeros((self.strokes, 4))
+        _add_all(self.photo, self.weight, self.ids, sums)
+        colours = _means(sums, self.colours, self.choice)
         for layer, own in zip(self.layers, self._by_layer(colours), strict=True):
             layer.colours = own
         self._measure()
 
-    def prune(self, least: float, keep_covered: bool = False) -> None:
-        """Drop strokes that nobody sees, and those without which the error would grow by less than `least`.
-
-        `keep_covered` spares what alone keeps the canvas from showing through between antialiased strokes.
-        """
+    def prune(self, least: float) -> None:
+        """Drop the strokes without which the error would grow by less than `least`."""
         costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
-        self._drop((costs < least) | ~seen, costs, keep_covered)
+        self._drop((costs < least) & seen, costs)
+
+    def look_closely(self, workers: Workers) -> None:
+        """Measure the error as an antialiased picture has it, in which seams between strokes show what lies below."""
+        shown = self._with_background()
+        for (top, bottom), numbers in self._closely(workers):
+            _compare(self.photo[top:bottom], self.weight[top:bottom], _reduced(numbers, shown), self.error[top:bottom])
+
+    def finish(self, cover: bool, workers: Workers) -> Packed:
+        """Drop strokes that nobody sees, give the others the colours that suit best together; return the picture.
+
+        All as an antialiased picture has it. `cover` spares what alone keeps the canvas from showing between
+        antialiased strokes, in the colour that is wanted there.
+        """
+        closely = self._closely(workers)
+        n = self.strokes
+        colours = np.stack([self._with_background() >> shift & 255 for shift in (16, 8, 0)], axis=-1).astype(np.float64)
+        for _ in range(SOLVES):
+            sums = np.zeros((n + 1, 4))
+            for (top, bottom), numbers in closely:
+                _add_residuals(self.photo[top:bottom], self.weight[top:bottom], numbers, colours, sums)
+            colours[:n] += DAMPING * sums[:n, 1:] / np.maximum(sums[:n, :1], 1e-9)
+            np.clip(colours, 0, 255, out=colours)
+        drop = sums[:n, 0] == 0
+        if cover:
+            self.marks += n
+            _keep_covered(self.photo, self.stamp, *self._outlines(), self.round_cap, drop, self.marks, colours)
+        packed = _packed(colours[:n], self.choice)
+        for layer, own in zip(self.layers, self._by_layer(packed), strict=True):
+            layer.colours = own
+        shown = self._with_background()
+        picture = np.concatenate([_reduced(numbers, shown) for _, numbers in closely])
+        self._leave_out(drop)
+        return picture
+
+    def _with_background(self) -> NDArray[np.uint32]:
+        """(n + 1,) packed colours of all strokes, and of the canvas."""
+        return np.append(self.colours, np.uint32(self.background))
+
+    def _closely(self, workers: Workers) -> list[tuple[tuple[int, int], NDArray[np.uint32]]]:
+        """Bands of rows (top, bottom) of the picture, and which stroke shows where in them at twice the size."""
+        height, width = self.photo.shape
+        bands = [(height * k // BANDS, height * (k + 1) // BANDS) for k in range(BANDS)]
+        outlines = self._outlines()
+        numbers = workers.run(lambda band: _number_closely(*outlines, self.round_cap, *band, width), bands)
+        return list(zip(bands, numbers, strict=True))
 
     def limit(self, most: int) -> None:
         """Drop the strokes that are missed least until no more than `most` are left, even if canvas shows."""
@@ -327,7 +378,7 @@ class Pursuit:
     def _look_below(self) -> None:
         """Find anew what each pixel shows, and what lies below that."""
         self.marks += self.strokes
-        _look_below(self.ids, self.below, self.stamp, *self._outlines(), self.marks)
+        _look_below(self.ids, self.below, self.stamp, *self._outlines(), self.round_cap, self.marks)
         self.refit()
 
     def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
@@ -341,14 +392,11 @@ class Pursuit:
     def thin(self, least: float) -> None:
         """Drop strokes that differ from what lies below them by less than a mean RGB distance of `least`."""
         distances = _mean_distances(self.ids, self.below, self.colours)
-        self._drop(distances < least, distances, keep_covered=False)
+        self._drop(distances < least, distances)
 
-    def _drop(self, drop: NDArray[np.bool_], worth: NDArray[np.float64], keep_covered: bool) -> None:
+    def _drop(self, drop: NDArray[np.bool_], worth: NDArray[np.float64]) -> None:
         """Take strokes away; where two lie on each other, the one that is worth more stays."""
         _spare(self.ids, self.below, worth, drop)
-        if keep_covered:
-            self.marks += len(drop)
-            _keep_covered(self.stamp, *self._outlines(), drop, self.marks)
         _uncover(self.ids, self.below, drop, np.cumsum(~drop, dtype=np.int32) - np.int32(1))
         self._leave_out(drop)
         self.refit()
@@ -859,32 +907,14 @@ def _renumber(
                     numbers[i, j] = number - provisional[k] + final[k]
 
 
-@kernel
-def _mean_colours(
-    photo: Packed,
-    weight: NDArray[np.float32],
-    ids: NDArray[np.int32],
-    colours: NDArray[np.uint32],
-    choice: NDArray[np.uint32],
-) -> NDArray[np.uint32]:
-    """The weighted mean colour of the pixels that each stroke shows; its own where it shows none."""
-    sums = np.zeros((len(colours), 4))
+@leaf
+def _add_all(photo: Packed, weight: NDArray[np.float32], ids: NDArray[np.int32], sums: NDArray[np.float64]) -> None:
+    """Add weights and weighted colours of the pixels that each stroke shows to its sums."""
     rows, columns = ids.shape
     for i in range(rows):
         for j in range(columns):
-            stroke = ids[i, j]
-            if stroke >= 0:
-                value, w = np.int64(photo[i, j]), weight[i, j]
-                sums[stroke, 0] += w
-                sums[stroke, 1] += w * (value >> 16)
-                sums[stroke, 2] += w * ((value >> 8) & 255)
-                sums[stroke, 3] += w * (value & 255)
-    means = colours.copy()
-    for stroke in range(len(colours)):
-        w = sums[stroke, 0]
-        if w > 0.0:
-            means[stroke] = _suited(choice, sums[stroke, 1] / w, sums[stroke, 2] / w, sums[stroke, 3] / w)
-    return means
+            if ids[i, j] >= 0:
+                _add(sums, ids[i, j], photo[i, j], weight[i, j])
 
 
 @leaf
@@ -901,6 +931,122 @@ def _measure_error(
         for j in range(columns):
             colour = colours[ids[i, j]] if ids[i, j] >= 0 else background
             error[i, j] = weight[i, j] * _squared_distance(photo[i, j], colour)
+
+
+@kernel
+def _number_closely(
+    points: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    widths: NDArray[np.float64],
+    round_cap: bool,
+    top: int,
+    bottom: int,
+    columns: int,
+) -> NDArray[np.uint32]:
+    """Which stroke shows in rows top … bottom − 1 of a picture painted at twice the size; its number, or n for none."""
+    numbers = np.full((2 * (bottom - top), 2 * columns), len(counts), np.uint32)
+    chain = np.empty((counts.max() if len(counts) > 0 else 0, 2))
+    first = 0
+    for stroke in range(len(counts)):
+        count, width = counts[stroke], widths[stroke]
+        low, high = np.inf, -np.inf
+        for k in range(count):
+            low, high = min(low, points[first + k, 1]), max(high, points[first + k, 1])
+        if low - width < bottom and high + width > top:
+            for k in range(count):
+                chain[k, 0], chain[k, 1] = 2.0 * points[first + k, 0], 2.0 * (points[first + k, 1] - top)
+            paint_chain(numbers, chain, 0, count // 3, 2.0 * width, round_cap, np.uint32(stroke))
+        first += count
+    return numbers
+
+
+@kernel
+def _reduced(numbers: NDArray[np.uint32], colours: NDArray[np.uint32]) -> Packed:
+    """The picture of which `numbers` says what shows at twice the size, as antialiasing would have it."""
+    rows, columns = numbers.shape[0] // 2, numbers.shape[1] // 2
+    picture = np.empty((rows, columns), np.uint32)
+    for i in range(rows):
+        for j in range(columns):
+            red, green, blue = 0.0, 0.0, 0.0
+            for a in range(2):
+                for b in range(2):
+                    value = np.int64(colours[numbers[2 * i + a, 2 * j + b]])
+                    red += 0.25 * (value >> 16)
+                    green += 0.25 * ((value >> 8) & 255)
+                    blue += 0.25 * (value & 255)
+            picture[i, j] = (int(red + 0.5) << 16) | (int(green + 0.5) << 8) | int(blue + 0.5)
+    return picture
+
+
+@leaf
+def _compare(photo: Packed, weight: NDArray[np.float32], picture: Packed, error: NDArray[np.float32]) -> None:
+    rows, columns = photo.shape
+    for i in range(rows):
+        for j in range(columns):
+            error[i, j] = weight[i, j] * _squared_distance(photo[i, j], picture[i, j])
+
+
+@kernel
+def _add_residuals(
+    photo: Packed,
+    weight: NDArray[np.float32],
+    numbers: NDArray[np.uint32],
+    colours: NDArray[np.float64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Add to each stroke's sums Σ w·c² and Σ w·c·(photo − picture), with c the part of a pixel that it shows.
+
+    Their ratio is the step towards the colours of least squared error (Jacobi's method).
+    """
+    rows, columns = photo.shape
+    shown = np.empty(4, np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            value, w = np.int64(photo[i, j]), float(weight[i, j])
+            red, green, blue = float(value >> 16), float((value >> 8) & 255), float(value & 255)
+            for k in range(4):
+                number = np.int64(numbers[2 * i + k // 2, 2 * j + k % 2])
+                shown[k] = number
+                red -= 0.25 * colours[number, 0]
+                green -= 0.25 * colours[number, 1]
+                blue -= 0.25 * colours[number, 2]
+            for k in range(4):
+                part = 0.0
+                for m in range(4):
+                    part += 0.25 if shown[m] == shown[k] else 0.0
+                number = shown[k]
+                sums[number, 0] += 0.25 * w * part
+                sums[number, 1] += 0.25 * w * red
+                sums[number, 2] += 0.25 * w * green
+                sums[number, 3] += 0.25 * w * blue
+
+
+@kernel
+def _packed(colours: NDArray[np.float64], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    packed = np.empty(len(colours), np.uint32)
+    for stroke in range(len(colours)):
+        packed[stroke] = _suited(choice, colours[stroke, 0], colours[stroke, 1], colours[stroke, 2])
+    return packed
+
+
+@leaf
+def _add(sums: NDArray[np.float64], stroke: int, colour: np.uint32, weight: float) -> None:
+    value = np.int64(colour)
+    sums[stroke, 0] += weight
+    sums[stroke, 1] += weight * (value >> 16)
+    sums[stroke, 2] += weight * ((value >> 8) & 255)
+    sums[stroke, 3] += weight * (value & 255)
+
+
+@kernel
+def _means(sums: NDArray[np.float64], colours: NDArray[np.uint32], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """The colour that stands for each stroke's sums; its own where these are empty."""
+    means = colours.copy()
+    for stroke in range(len(colours)):
+        w = sums[stroke, 0]
+        if w > 0.0:
+            means[stroke] = _suited(choice, sums[stroke, 1] / w, sums[stroke, 2] / w, sums[stroke, 3] / w)
+    return means
 
 
 @kernel
@@ -988,6 +1134,7 @@ def _look_below(
     points: NDArray[np.float64],
     counts: NDArray[np.int64],
     widths: NDArray[np.float64],
+    round_cap: bool,
     mark: int,
 ) -> None:
     ids[:], below[:] = -1, -1
@@ -995,7 +1142,7 @@ def _look_below(
     first = 0
     for stroke in range(len(counts)):
         mark -= 1
-        for k in range(footprint(stamp, mark, points, first, counts[stroke] // 3, widths[stroke], True, pixels)):
+        for k in range(footprint(stamp, mark, points, first, counts[stroke] // 3, widths[stroke], round_cap, pixels)):
             i, j = pixels[k, 0], pixels[k, 1]
             below[i, j], ids[i, j] = ids[i, j], stroke
         first += counts[stroke]
@@ -1003,20 +1150,26 @@ def _look_below(
 
 @kernel
 def _keep_covered(
+    photo: Packed,
     stamp: NDArray[np.int32],
     points: NDArray[np.float64],
     counts: NDArray[np.int64],
     widths: NDArray[np.float64],
+    round_cap: bool,
     drop: NDArray[np.bool_],
     mark: int,
+    colours: NDArray[np.float64],
 ) -> None:
-    """Take back what is to be dropped and covers a pixel that no other stroke covers with half a pixel to spare."""
+    """Take back what is to be dropped and covers a pixel that no other stroke covers with half a pixel to spare.
+
+    Its colour becomes the mean of the photo there.
+    """
     solid = np.zeros(stamp.shape, np.uint32)
     first = 0
     for stroke in range(len(counts)):
         if not drop[stroke]:
             thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
-            paint_chain(solid, points, first, counts[stroke] // 3, thin, True, np.uint32(1))
+            paint_chain(solid, points, first, counts[stroke] // 3, thin, round_cap, np.uint32(1))
         first += counts[stroke]
     pixels = np.empty((stamp.size, 2), np.int32)
     first = 0
@@ -1024,12 +1177,18 @@ def _keep_covered(
         if drop[stroke]:
             mark -= 1
             thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
-            n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, True, pixels)
-            needed = False
+            n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, round_cap, pixels)
+            red = green = blue = needed = 0.0
             for k in range(n):
-                needed = needed or solid[pixels[k, 0], pixels[k, 1]] == 0
-            if needed:
+                i, j = pixels[k, 0], pixels[k, 1]
+                if solid[i, j] == 0:
+                    solid[i, j] = 1
+                    value = np.int64(photo[i, j])
+                    red += value >> 16
+                    green += (value >> 8) & 255
+                    blue += value & 255
+                    needed += 1.0
+            if needed > 0.0:
                 drop[stroke] = False
-                for k in range(n):
-                    solid[pixels[k, 0], pixels[k, 1]] = 1
+                colours[stroke, 0], colours[stroke, 1], colours[stroke, 2] = red / needed, green / needed, blue / needed
         first += counts[stroke]
