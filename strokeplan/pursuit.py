@@ -270,12 +270,11 @@ class Pursuit:
         if rules.cover:
             self.error[self.ids < 0] = BARE
         strips = list(self._strips(brush, rules))
-        capacity = tract_capacity(brush.length)
         known = self.strokes
         kept: list[Laid] = []
         tell(0, len(strips), 0)
         for phase in (strips[::2], strips[1::2]):
-            laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip, capacity), phase)
+            laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
             if laid:
                 final = known + np.cumsum([0, *(len(counts) for _, counts, _, _ in laid)])
                 _renumber(self.ids, self.below, np.array([strip.first_id for strip in phase]), final)
@@ -421,55 +420,72 @@ def _cells(window: tuple[int, int, int, int], side: float) -> range:
     return range(ceil((bottom - top) / side) * ceil((right - left) / side))
 
 
-@kernel
-def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip, capacity: int) -> Laid:
+def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid:
     """Try strokes all over a strip; return those that are kept."""
+    capacity = tract_capacity(brush.length)
     widest = brush.width * (WIDEST if rules.vary_width else 1.0)
     room = int((2 * brush.length + 2 * widest + 64) * (max(widest, 2 * rules.separation) + 4))
     easel = _Easel(
         np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2)), np.zeros((capacity + 1, 6)),
         np.empty((room, 2), np.int32), scratch(capacity),
     )  # fmt: skip
+    cells = len(_cells((strip.top, strip.bottom, strip.left, strip.right), rules.cell))
+    ranks, mass, tree = np.empty(cells), np.zeros(cells), np.zeros(cells + 1)
+    _sow(scene, rules, strip, ranks, mass, tree)
+    state = np.zeros(8, np.int64)
+    state[_DRAWN] = -1
+    seeds = _Seeds(np.argsort(ranks, kind="stable"), mass, tree, state)
     kept = _Kept(np.empty((4096, 2)), np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.uint32))
     tally = _Tally(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64))
-    seeds = _sow(scene, rules, strip)
-    limit = TRIES * len(seeds.order) - 1
-    # One loop for all ways to find seeds: the compiler makes a copy of `_try` wherever it is called.
-    while tally.tries[0] < limit:
-        i, j, dab = _next_seed(scene, rules, strip, seeds, kept, tally)
-        if i < 0:
-            break
-        n, used = tally.strokes[0], tally.points[0]
-        if n == len(kept.counts) or used + len(easel.chain) > len(kept.points):
-            kept = _with_room(kept, n, used, len(easel.chain))
-        _try(scene, brush, rules, strip, easel, kept, tally, i, j, dab)
-    n = tally.strokes[0]
-    return (
-        kept.points[: tally.points[0]].copy(),
-        kept.counts[:n].copy(),
-        kept.widths[:n].copy(),
-        kept.colours[:n].copy(),
-    )
+    while not _try_seeds(scene, brush, rules, strip, easel, kept, tally, seeds):
+        kept = _Kept(*(np.concatenate([column, np.empty_like(column)]) for column in kept))
+        if len(kept.points) < tally.points[0] + len(easel.chain):
+            kept = kept._replace(points=np.concatenate([kept.points, np.empty_like(easel.chain)]))
+    n = int(tally.strokes[0])
+    return kept.points[: tally.points[0]], kept.counts[:n], kept.widths[:n], kept.colours[:n]
 
 
-@kernel
-def _sow(scene: Scene, rules: Rules, strip: Strip) -> _Seeds:
-    """What `_next_seed` needs to know: the cells in their order, or the tree to draw them from."""
-    rows, columns = _shape(strip, rules.cell)
-    cells = rows * columns
-    ranks = np.empty(cells)
-    mass, tree = np.zeros(cells), np.zeros(cells + 1)
-    for cell in range(cells):
+@leaf
+def _sow(
+    scene: Scene,
+    rules: Rules,
+    strip: Strip,
+    ranks: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    tree: NDArray[np.float64],
+) -> None:
+    """Where the cells of a strip stand in their order, or the tree to draw them from."""
+    for cell in range(len(ranks)):
         if rules.seeding == WORST_FIRST:
             ranks[cell] = -_survey(scene, rules, strip, cell)[0]
         else:
             ranks[cell] = _random(scene.key, cell)
         if rules.seeding == BY_ERROR:
             _change(tree, mass, cell, _mass(scene, rules, strip, cell))
-    order = np.argsort(ranks, kind="mergesort")
-    state = np.zeros(8, np.int64)
-    state[_DRAWN] = -1
-    return _Seeds(order, mass, tree, state)
+
+
+@leaf
+def _try_seeds(
+    scene: Scene,
+    brush: Brush,
+    rules: Rules,
+    strip: Strip,
+    easel: _Easel,
+    kept: _Kept,
+    tally: _Tally,
+    seeds: _Seeds,
+) -> bool:
+    """Try seed after seed; False if a stroke might not find room in the columns, for the caller to enlarge them."""
+    limit = TRIES * len(seeds.order) - 1
+    # One loop for all ways to find seeds: the compiler makes a copy of `_try` wherever it is called.
+    while tally.tries[0] < limit:
+        if tally.strokes[0] == len(kept.counts) or tally.points[0] + len(easel.chain) > len(kept.points):
+            return False
+        i, j, dab = _next_seed(scene, rules, strip, seeds, kept, tally)
+        if i < 0:
+            return True
+        _try(scene, brush, rules, strip, easel, kept, tally, i, j, dab)
+    return True
 
 
 @leaf
@@ -636,17 +652,6 @@ def _try(
     kept.counts[n], kept.widths[n], kept.colours[n] = 3 * pieces + 1, width, colour
     tally.strokes[0] += 1
     tally.points[0] += 3 * pieces + 1
-
-
-@kernel
-def _with_room(kept: _Kept, strokes: int, used: int, more: int) -> _Kept:
-    """Longer columns with the same strokes in front."""
-    points, counts = np.empty((2 * len(kept.points) + more, 2)), np.empty(2 * strokes + 64, np.int64)
-    widths, colours = np.empty(2 * strokes + 64), np.empty(2 * strokes + 64, np.uint32)
-    points[:used], counts[:strokes], widths[:strokes], colours[:strokes] = (
-        kept.points[:used], kept.counts[:strokes], kept.widths[:strokes], kept.colours[:strokes],
-    )  # fmt: skip
-    return _Kept(points, counts, widths, colours)
 
 
 @leaf
