@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from strokeplan import budget
+from strokeplan import budget, painting, pursuit
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
@@ -241,30 +241,30 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     fields: list[OrientationField] = []
 
     def pursue(gain: float) -> Pursuit:
-        pursuit = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice)
+        picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice)
         for number, layer in enumerate(preset.layers, start=1):
             if number > len(fields):
                 began = perf_counter()
                 fields.append(waiting.popleft()())
                 job.waited("fields", began)
             began = perf_counter()
-            least = gain * layer.gain * 1e-6 * (pursuit.error_to_beat() + UNSEEN * weight.size)
+            least = gain * layer.gain * 1e-6 * (picture.error_to_beat() + UNSEEN * weight.size)
             if preset.keep == "gain" and number == len(preset.layers) > 1:
-                pursuit.prune(PRUNE * least)
-                pursuit.look_closely(workers)
-            tell = job.teller(number, pursuit.strokes, pursuit.mean_distance)
+                picture.prune(PRUNE * least)
+                picture.look_closely(workers)
+            tell = job.teller(number, picture.strokes, picture.mean_distance)
             rules = _rules(preset, layer, number, least, float(weight.min()) < float(weight.max()))
-            pursuit.paint_layer(
+            picture.paint_layer(
                 fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
             )
             if preset.thin > 0:
-                pursuit.thin(preset.thin)
+                picture.thin(preset.thin)
             job.waited("strokes", began)
-        return pursuit
+        return picture
 
-    pursuit = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
-    canvas = pursuit.finish(preset.cover and most is None, workers)
-    return pursuit.layers, canvas
+    best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
+    canvas = best.finish(preset.cover and most is None, workers)
+    return best.layers, canvas
 
 
 def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
@@ -284,9 +284,16 @@ def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven:
     )
 
 
+def compiled() -> bool:
+    """Whether the kernels are in Numba's cache; if not, the first plan compiles them."""
+    return painting.compiled() and pursuit.compiled()
+
+
 def warm_up() -> None:
     """Compile every kernel, or load it if it is cached, by plans of a few pixels."""
-    picture = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    picture = np.zeros((32, 32, 3), np.uint8)
+    picture[:, 12:20] = 255
+    plan(picture, "fine", threads=2)
     for widest in (0, 2):  # the adaptive field has kernels of its own
         plan(picture, load_preset("paper").override({"max_integration_sigma": widest}), threads=2)
 

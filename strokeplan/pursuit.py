@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
 from strokeplan.tractography import splitmix64, trace, tract_capacity
 
@@ -443,6 +443,11 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid
             kept = kept._replace(points=np.concatenate([kept.points, np.empty_like(easel.chain)]))
     n = int(tally.strokes[0])
     return kept.points[: tally.points[0]], kept.counts[:n], kept.widths[:n], kept.colours[:n]
+
+
+def compiled() -> bool:
+    """Whether the kernels are in Numba's cache; if not, the first pursuit compiles them."""
+    return is_cached(_try_seeds)
 
 
 @leaf

@@ -47,11 +47,10 @@ def planning_bar(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
 
 def compile_kernels() -> None:
     """Compile the kernels, and say so, unless that has been done on this machine."""
-    from strokeplan.painting import compiled
-    from strokeplan.planner import warm_up
+    from strokeplan.planner import compiled, warm_up
 
     if not compiled():
-        typer.echo("compiling the kernels for this machine, once: about ten seconds", err=True)
+        typer.echo("compiling the kernels for this machine, once: some twenty seconds", err=True)
         # In a thread, because the compiler hears no Ctrl-C for seconds, and waiting does.
         compiler = Thread(target=warm_up, daemon=True)
         compiler.start()
