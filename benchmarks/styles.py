@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-import strokeplan
-from strokeplan.figures import clearest_point, montage, shrink, side_by_side, spread_figure
+from strokeplan.figures import montage, shrink, side_by_side, spread_figure
 from strokeplan.formats import write
 from strokeplan.image import load_photo
 from strokeplan.planner import layer_field, layer_spread, plan
@@ -88,9 +87,11 @@ class Option:
 
 ASTRONAUT, CHELSEA, COFFEE = "samples/astronaut.jpg", "samples/chelsea.jpg", "samples/coffee.jpg"
 FACE: Crop = (0.3, 0.06, 0.62, 0.4)
-FEW = ("gain=120",)
+FEW = ("gain=500",)
 """Few enough strokes to see where they go."""
-WANDER = "strokeplan inspect samples/coffee.jpg -o figures --wander 0.5 --count 50"
+SPREAD_SEED = (150.0, 215.0)
+"""A point in the fur, where the orientation is unsure."""
+WANDER = "strokeplan inspect samples/chelsea.jpg -o figures --wander 0.5 --count 50 --point 150,215"
 
 BOLD = ("importance_strength=1", *FEW)
 CHOICES = (
@@ -98,7 +99,7 @@ CHOICES = (
         "channels",
         "Colour in the tensor",
         "Rings of red and green of one luminance, under bars of shade. Grey sees the bars alone; `lab` sees both, "
-        "and goes with the stronger; `hue` sees the rings alone.",
+        "and goes with the stronger; `hue` sees the rings, and next to nothing of the bars.",
         tuple(
             Panel(f"`{channels}`", TWO_COLOURS, "flow", (f"channels={channels}", "layers.2.lightness_jitter=10"))
             for channels in ("grey", "lab", "hue")
@@ -110,9 +111,7 @@ CHOICES = (
         "As in probabilistic tractography a tract strays the further, the less sure the orientation is. "
         f"Fifty tracts through one point are drawn by `{WANDER}`:\n\n"
         "![Fifty tracts through one point of a photo](options/spread.jpg)\n\nAnd in a painting:",
-        tuple(
-            Panel(f"`wander = {wander}`", CHELSEA, "expressionist", (f"wander={wander}",)) for wander in (0, 0.5, 1)
-        ),
+        tuple(Panel(f"`wander = {wander}`", CHELSEA, "expressionist", (f"wander={wander}",)) for wander in (0, 0.5, 1)),
         (0.0, 0.35, 0.6, 1.0),
     ),
     Option(
@@ -133,16 +132,16 @@ CHOICES = (
         "Where strokes are tried",
         "In cells in random order; in the worst cells first; at random where the error is; evenly spaced.",
         tuple(
-            Panel(f"`{seeding}`", CHELSEA, "sketch", (f"seeding={seeding}",))
+            Panel(f"`{seeding}`", CHELSEA, "pointillist", (f"seeding={seeding}",))
             for seeding in ("grid", "worst-first", "error", "even")
         ),
-        (0.28, 0.2, 0.66, 0.78),
+        (0.3, 0.22, 0.56, 0.6),
     ),
     Option(
         "thin",
         "Strokes that hardly show are left out",
-        "Strokes that differ from what lies below them by less than `thin`.",
-        tuple(Panel(f"`thin = {thin}`", COFFEE, "fine", (f"thin={thin}",)) for thin in (0, 15, 40)),
+        "Strokes that differ from what lies below them by less than `thin`; `strokeplan info` counts what is left.",
+        tuple(Panel(f"`thin = {thin}`", COFFEE, "fine", (f"thin={thin}",)) for thin in (0, 20, 60)),
         (0.3, 0.05, 0.85, 0.6),
     ),
     Option(
@@ -245,10 +244,9 @@ def row(option: Option) -> Picture:
 
 def spread() -> Picture:
     """What WANDER draws, smaller."""
-    photo, preset = load_photo(ROOT / COFFEE), load_preset("fine").override({"wander": 0.5})
+    photo, preset = load_photo(ROOT / CHELSEA), load_preset("fine").override({"wander": 0.5})
     field = layer_field(photo, preset, 2)
-    start = clearest_point(field)
-    picture = spread_figure(photo, layer_spread(field, preset, 2, start, 50), start)
+    picture = spread_figure(photo, layer_spread(field, preset, 2, SPREAD_SEED, 50), SPREAD_SEED)
     return shrink(picture, SAMPLE_WIDTH / picture.shape[1])
 
 
@@ -256,7 +254,7 @@ def two_colours() -> Picture:
     """Rings of red and green of one luminance (BT.709) under soft bars of shade."""
     y, x = np.mgrid[:320, :420].astype(float)
     rings = np.sin(np.hypot(x - 150, y - 170) / 14)[..., None] > 0
-    shade = 1 + 0.15 * np.sin(x / 18)[..., None]
+    shade = 1 + 0.25 * np.sin(x / 9)[..., None]
     colours = np.where(rings, np.array([200.0, 70.0, 60.0]), np.array([40.0, 115.5, 80.0]))
     return np.clip(np.rint(colours * shade), 0, 255).astype(np.uint8)
 
