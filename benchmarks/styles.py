@@ -99,7 +99,8 @@ CHOICES = (
         "channels",
         "Colour in the tensor",
         "Rings of red and green of one luminance, under bars of shade. Grey sees the bars alone; `lab` sees both, "
-        "and goes with the stronger; `hue` sees the rings, and next to nothing of the bars.",
+        "and goes with the stronger; `hue` goes with the rings, and only inside them, where there is no border, with "
+        "the little that shade leaves in a hue.",
         tuple(
             Panel(f"`{channels}`", TWO_COLOURS, "flow", (f"channels={channels}", "layers.2.lightness_jitter=10"))
             for channels in ("grey", "lab", "hue")
