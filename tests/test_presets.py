@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import strokeplan
+from strokeplan.color_settings import LayerColors
 from strokeplan.errors import PresetError
 from strokeplan.presets import LayerPreset, Preset, load_preset, names, parse_assignments, source
 
@@ -332,8 +333,10 @@ def test_relative_lengths_scale_with_the_photo_and_nothing_else_does() -> None:
 def test_every_number_with_a_unit_is_known_to_be_a_length() -> None:
     """A field that is added must be put on one side or the other."""
     numbers = {field.name for field in msgspec.structs.fields(Preset) if isinstance(field.default, float)}
-    assert numbers == LENGTHS | {"coherence", "wander"}
-    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold"}
+    further = {"gain", "separation", "importance_strength", "thin", "pressure"}
+    assert numbers == LENGTHS | {"coherence", "wander"} | further
+    colours = set(LayerColors.__struct_fields__)
+    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold", "gain"} | colours
 
 
 def test_a_relative_length_that_gets_too_small_is_refused() -> None:
