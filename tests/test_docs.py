@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import msgspec
 import pytest
 from conftest import ROOT
+from PIL import Image
 
 from strokeplan.cli import app
-from strokeplan.presets import names
+from strokeplan.presets import load_preset, names, style
 
 README = (ROOT / "README.md").read_text()
 PAGES = [*sorted(ROOT.glob("docs/*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "samples" / "README.md"]
@@ -30,6 +32,33 @@ def test_readme_names_every_command_and_no_other() -> None:
 def test_readme_names_every_preset() -> None:
     for name in names():
         assert f"- `{name}`:" in README
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_preset_has_its_sample_and_description_on_the_page_of_styles(name: str) -> None:
+    page = (ROOT / "docs" / "styles.md").read_text()
+    assert f"| `{name}`<br>{load_preset(name).description} | " in page
+    assert f"(styles/{name}.jpg)" in page
+    with Image.open(ROOT / "docs" / "styles" / f"{name}.jpg") as sample:
+        assert sample.width == 640
+    assert (ROOT / "docs" / "styles" / f"{name}.jpg").stat().st_size <= 100_000
+
+
+def test_page_of_styles_shows_no_preset_that_is_gone() -> None:
+    assert {path.stem for path in (ROOT / "docs" / "styles").glob("*.jpg")} == set(names())
+
+
+def test_commands_of_the_page_of_options_are_sound() -> None:
+    """Files that are there, presets that load, settings that they take."""
+    found = re.findall(r"^    strokeplan plan (.*)$", (ROOT / "docs" / "options.md").read_text(), flags=re.MULTILINE)
+    assert len(found) > 20
+    for command in found:
+        photo, *words = shlex.split(command)
+        options = [(words[k], words[k + 1]) for k in range(0, len(words), 2)]
+        assert (ROOT / photo).exists()
+        style(dict(options)["--preset"], [value for key, value in options if key == "--set"])
+        assert all((ROOT / value).exists() for key, value in options if key == "--mask")
+        assert {key for key, _ in options} <= {"-o", "--preset", "--set", "--mask"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -56,7 +85,7 @@ def test_figures_of_readme_are_those_of_the_measured_page(page: str, rows: list[
 
 def test_every_key_of_a_preset_is_explained() -> None:
     """A docstring under each field: what `presets show` cannot say."""
-    source = (ROOT / "strokeplan" / "presets.py").read_text()
+    source = "".join((ROOT / "strokeplan" / name).read_text() for name in ("presets.py", "color_settings.py"))
     from strokeplan.presets import LayerPreset, Preset
 
     for kind in (LayerPreset, Preset):

@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+import strokeplan
+from strokeplan.color_settings import LayerColors
 from strokeplan.errors import PresetError
 from strokeplan.presets import LayerPreset, Preset, load_preset, names, parse_assignments, source
 
@@ -62,6 +66,17 @@ def test_shipped_presets_load_and_say_what_they_are(name: str) -> None:
 def test_the_source_of_a_shipped_preset_makes_the_same_preset(file: Path, name: str) -> None:
     file.write_text(source(name), encoding="utf-8")
     assert msgspec.structs.replace(load_preset(file), name=name) == load_preset(name)
+
+
+@pytest.mark.parametrize("name", names())
+def test_shipped_presets_plan_a_small_picture(small_picture: NDArray[np.uint8], name: str) -> None:
+    plan = strokeplan.plan(small_picture, name)
+    assert len(plan) > 0
+    assert plan.settings["preset"]["name"] == name
+
+
+def test_descriptions_fit_a_line_of_the_list() -> None:
+    assert max(len(load_preset(name).description) for name in names()) <= 100
 
 
 def test_preset_paper_is_table_1() -> None:
@@ -318,8 +333,10 @@ def test_relative_lengths_scale_with_the_photo_and_nothing_else_does() -> None:
 def test_every_number_with_a_unit_is_known_to_be_a_length() -> None:
     """A field that is added must be put on one side or the other."""
     numbers = {field.name for field in msgspec.structs.fields(Preset) if isinstance(field.default, float)}
-    assert numbers == LENGTHS | {"coherence", "wander"}
-    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold"}
+    further = {"gain", "separation", "importance_strength", "thin", "pressure"}
+    assert numbers == LENGTHS | {"coherence", "wander"} | further
+    colours = set(LayerColors.__struct_fields__)
+    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold", "gain"} | colours
 
 
 def test_a_relative_length_that_gets_too_small_is_refused() -> None:
