@@ -37,8 +37,9 @@ from strokeplan.presets import names
 
 COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "montage", "presets")
 FORMATS = (".json", ".json.gz", ".svg", ".svgz", ".png")
-TINY = ("--set", "layers.1.width=16", "--set", "layers.1.sigma=3")
-"""Settings that leave more than one stroke in the first layer of a tiny picture."""
+PAPER = ("--preset", "paper")
+TINY = (*PAPER, "--set", "layers.1.width=16", "--set", "layers.1.sigma=3")
+"""Settings of the paper's preset that leave more than one stroke in the first layer of a tiny picture."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def picture() -> NDArray[np.uint8]:
 def strokes(picture: NDArray[np.uint8], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The strokes file of the picture, decoded."""
     path = tmp_path_factory.mktemp("strokes") / "plan.json"
-    strokeplan.plan(picture, seed=1).save(path)
+    strokeplan.plan(picture, "paper", seed=1).save(path)
     document: dict[str, Any] = json.loads(path.read_bytes())
     return document
 
@@ -277,7 +278,7 @@ def test_evaluate_gives_its_figures(cli: Cli, planned: tuple[Path, Ended]) -> No
 def test_evaluate_writes_json_that_anyone_can_read(cli: Cli, folder: Path) -> None:
     """A perfect picture of 2 × 2 pixels has an infinite PSNR and no SSIM."""
     (folder / "white.png").write_bytes(png(np.full((2, 2, 3), 255, np.uint8)))
-    assert cli("plan", folder / "white.png", "-o", folder / "white.json").code == 0
+    assert cli("plan", folder / "white.png", "-o", folder / "white.json", *PAPER).code == 0
     ended = cli("evaluate", folder / "white.json", folder / "white.png", "--json")
     told = json.loads(ended.out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert (told["psnr_db"], told["ssim"], told["rgb_8bit"], told["uncovered_percent"]) == (None, None, 0, 100)
@@ -334,7 +335,7 @@ def test_evaluate_takes_all_presets_by_default(cli: Cli, photos: Path) -> None:
         (("--set", "empty"), ("empty: no pictures there",)),
         (("--set", "photo.png"), ("--set photo.png: is no folder",)),
         (("--set", "nowhere"), ("--set nowhere: is no folder",)),
-        (("--set", "empty", "--preset", "papre"), ("'papre'", "paper, paper-published")),
+        (("--set", "empty", "--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -346,7 +347,7 @@ def test_evaluate_refuses_what_cannot_be_compared(
 
 
 def test_inspect_draws_the_figures(cli: Cli, folder: Path) -> None:
-    ended = cli("inspect", folder / "photo.png", "-o", folder / "figures", "--layer", "3", "--compare")
+    ended = cli("inspect", folder / "photo.png", "-o", folder / "figures", *PAPER, "--layer", "3", "--compare")
     assert ended.code == 0, ended
     assert sorted(path.name for path in (folder / "figures").iterdir()) == [
         "coherence.png", "compare.png", "orientation.png", "tract.png",
@@ -380,7 +381,7 @@ def test_montage_makes_a_sheet_of_photos(cli: Cli, folder: Path, photos: Path, p
 def test_presets_lists_the_styles(cli: Cli) -> None:
     ended = cli("presets")
     assert ended.code == 0
-    assert {"paper", "paper-published"} <= {line.split()[0] for line in ended.out.splitlines()}
+    assert {"fine", "paper", "paper-published"} <= {line.split()[0] for line in ended.out.splitlines()}
 
 
 def test_what_presets_show_prints_is_sound(cli: Cli, folder: Path) -> None:
@@ -426,7 +427,7 @@ def test_a_picture_of_one_colour_gives_a_plan_without_nan(cli: Cli, folder: Path
     """Nothing has a direction there, so no stroke is laid, and the plan says so."""
     (folder / "flat.png").write_bytes(png(np.full((20, 30, 3), level, np.uint8)))
     outputs = [argument for suffix in FORMATS for argument in ("-o", folder / f"flat-out{suffix}")]
-    ended = cli("plan", folder / "flat.png", *outputs)
+    ended = cli("plan", folder / "flat.png", *outputs, *PAPER)
     assert ended.code == 0, ended
     assert ended.out.startswith("0 strokes (0 + 0 + 0 + 0)")
     assert "nan" not in ended.out
@@ -444,7 +445,7 @@ def test_a_picture_of_one_colour_gives_a_plan_without_nan(cli: Cli, folder: Path
 def test_a_very_narrow_picture_is_planned(cli: Cli, folder: Path) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (2000, 3, 3), np.uint8)
     (folder / "narrow.png").write_bytes(png(pixels))
-    ended = cli("plan", folder / "narrow.png", "-o", folder / "out.json", "-o", folder / "out.svg")
+    ended = cli("plan", folder / "narrow.png", "-o", folder / "out.json", "-o", folder / "out.svg", *PAPER)
     assert ended.code == 0, ended
     plan = strokeplan.load(folder / "out.json")
     assert (plan.width, plan.height) == (3, 2000)
@@ -580,7 +581,7 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--preset", "papre"), ("'papre'", "paper, paper-published")),
+        (("--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
         (("--preset", "missing.toml"), ("missing.toml", "No such file")),
         (("--preset", "broken.toml"), ("broken.toml", "is not TOML")),
         (("--preset", "misspelt.toml"), ("misspelt.toml", "layers.1", "widht", "width")),
@@ -630,7 +631,7 @@ def test_a_bad_size_is_refused(refused: Refused, options: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("presets", "show", "papre"), ("'papre'", "paper, paper-published")),
+        (("presets", "show", "papre"), ("'papre'", "fine, paper, paper-published")),
         (("presets", "check", "missing.toml"), ("missing.toml", "No such file")),
         (("presets", "check", "photo.png"), ("photo.png",)),
         (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 4")),

@@ -49,17 +49,17 @@ def test_the_same_bytes_for_any_number_of_threads(preset: str) -> None:
 
 def test_the_seed_orders_the_cells() -> None:
     picture = blobs(120, 120)
-    one, two = (strokeplan.plan(picture, seed=seed) for seed in (1, 2))
+    one, two = (strokeplan.plan(picture, "paper", seed) for seed in (1, 2))
     assert not np.array_equal(one.colors, two.colors)
 
 
 def test_growing_columns_and_guessing_wrong_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither the room for strokes, nor that for strokes traced ahead, nor the batches show in a plan."""
     picture = blobs(150, 150)
-    expected = strokeplan.plan(picture, threads=2)
+    expected = strokeplan.plan(picture, "paper", threads=2)
     monkeypatch.setattr(painting, "AHEAD_POINTS_PER_CELL", 0)
     monkeypatch.setattr(painting, "BATCHES", 7)
-    assert np.array_equal(strokeplan.plan(picture, threads=2).points, expected.points)
+    assert np.array_equal(strokeplan.plan(picture, "paper", threads=2).points, expected.points)
     grown: list[int] = []
     real = painting._Columns.grow
     monkeypatch.setattr(painting._Columns, "grow", lambda self, *room: (grown.append(1), real(self, *room)))
@@ -77,7 +77,7 @@ def test_a_plan_can_be_made_again_from_its_settings() -> None:
 
 
 def test_a_plan_equals_its_file(tmp_path: Path) -> None:
-    plan = strokeplan.plan(blobs(90, 90))
+    plan = strokeplan.plan(blobs(90, 90), "paper")
     plan.save(tmp_path / "plan.json")
     assert np.array_equal(strokeplan.load(tmp_path / "plan.json").points, plan.points)
 
@@ -97,8 +97,8 @@ def test_a_turned_photo_has_the_turned_plan(monkeypatch: pytest.MonkeyPatch) -> 
     """
     picture, turned = blobs(200, 200, seed=3), np.rot90(blobs(200, 200, seed=3)).copy()
     every_cell = load_preset("paper").override({f"layers.{layer}.color_threshold": 0 for layer in (1, 2, 3, 4)})
-    everywhere, by_table_1 = strokeplan.plan(picture, every_cell), strokeplan.plan(picture)
-    another_order = strokeplan.plan(picture, seed=1)
+    everywhere, by_table_1 = strokeplan.plan(picture, every_cell), strokeplan.plan(picture, "paper")
+    another_order = strokeplan.plan(picture, "paper", seed=1)
     cell_order = painting._cell_order
 
     def turned_order(seeds: tuple[int, int], cells: int) -> NDArray[np.int64]:
@@ -109,7 +109,7 @@ def test_a_turned_photo_has_the_turned_plan(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(painting, "_cell_order", turned_order)
     expected, found = stroke_ends(everywhere), stroke_ends(strokeplan.plan(turned, every_cell), back=True)
     assert len(expected & found) > 0.97 * len(expected)
-    expected, found = stroke_ends(by_table_1), stroke_ends(strokeplan.plan(turned), back=True)
+    expected, found = stroke_ends(by_table_1), stroke_ends(strokeplan.plan(turned, "paper"), back=True)
     assert len(expected & found) > 0.75 * len(expected)
     assert len(expected & stroke_ends(another_order)) < 0.6 * len(expected)  # the comparator can fail
 
@@ -150,7 +150,7 @@ def test_a_stroke_takes_the_colour_of_the_middle_of_its_tract() -> None:
 
 
 def test_layers_have_the_widths_of_table_1() -> None:
-    plan = strokeplan.plan(blobs(300, 300))
+    plan = strokeplan.plan(blobs(300, 300), "paper")
     assert [layer.name for layer in plan.layers] == ["1", "2", "3", "4"]
     for layer, width in zip(plan.layers, (50, 25, 5, 2.5), strict=True):
         assert (plan.widths[layer.first : layer.last] == width).all()
@@ -190,7 +190,7 @@ def test_a_constant_picture_has_an_honest_empty_plan(colour: tuple[int, int, int
 @pytest.mark.parametrize("shape", [(2, 2), (3, 2000), (2000, 3), (7, 5)])
 def test_slivers_are_planned(shape: tuple[int, int]) -> None:
     picture = np.random.default_rng(0).integers(0, 256, (*shape, 3)).astype(np.uint8)
-    plan = strokeplan.plan(picture)
+    plan = strokeplan.plan(picture, "paper")
     assert np.isfinite(plan.points).all()
 
 
@@ -199,7 +199,7 @@ def test_slivers_are_planned(shape: tuple[int, int]) -> None:
 def test_noise_of_any_size_is_planned_within_the_canvas(seed: int, height: int, width: int) -> None:
     """Tracts end at the border, and a curve leaves its tract by no more than its tolerance."""
     picture = np.random.default_rng(seed).integers(0, 256, (height, width, 3)).astype(np.uint8)
-    plan = strokeplan.plan(picture, seed=1)
+    plan = strokeplan.plan(picture, "paper", seed=1)
     assert np.isfinite(plan.points).all()
     ends = np.concatenate([plan.points[plan.starts[:-1]], plan.points[plan.starts[1:] - 1]])
     assert (ends >= 0).all()
@@ -208,7 +208,7 @@ def test_noise_of_any_size_is_planned_within_the_canvas(seed: int, height: int, 
 
 def test_gradient_orientation_is_another_plan_of_the_same_kind() -> None:
     picture = blobs(120, 120)
-    tensor, gradient = (strokeplan.plan(picture, orientation=kind) for kind in ("tensor", "gradient"))
+    tensor, gradient = (strokeplan.plan(picture, "paper", orientation=kind) for kind in ("tensor", "gradient"))
     assert tensor.settings["preset"]["orientation"] == "tensor"
     assert gradient.settings["preset"]["orientation"] == "gradient"
     assert len(gradient) > 0
@@ -301,7 +301,7 @@ def test_published_pictures_have_their_traits() -> None:
     """Bare borders, single cubics of their own colour, butt caps, far more of them than by the text."""
     picture = blobs(300, 300)
     published, report = painted(picture, "paper-published")
-    paper = strokeplan.plan(picture)
+    paper = strokeplan.plan(picture, "paper")
     assert (published.counts == 4).all()
     assert {layer.cap for layer in published.layers} == {"butt"}
     assert len(published) > 5 * paper.cubics
