@@ -587,8 +587,8 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
         (("--preset", "misspelt.toml"), ("misspelt.toml", "layers.1", "widht", "width")),
         (("--set", "coherense=0.5"), ("coherense", "unknown key", "coherence")),
         (("--set", "layers.2.widht=8"), ("layers.2.widht", "unknown key", "width")),
-        (("--set", "layers.9.width=8"), ("layers.9.width", "numbered 1 to 4")),
-        (("--set", "layers.0.width=8"), ("layers.0.width", "numbered 1 to 4")),
+        (("--set", "layers.9.width=8"), ("layers.9.width", "numbered 1 to 5")),
+        (("--set", "layers.0.width=8"), ("layers.0.width", "numbered 1 to 5")),
         (("--set", "coherence"), ("'coherence'", "KEY=VALUE")),
         (("--set", "coherence=1.5"), ("coherence = 1.5", "<= 1")),
         (("--set", "coherence=nan"), ("coherence = nan", ">= 0")),
@@ -634,7 +634,7 @@ def test_a_bad_size_is_refused(refused: Refused, options: tuple[str, ...], words
         (("presets", "show", "papre"), ("'papre'", "fine, paper, paper-published")),
         (("presets", "check", "missing.toml"), ("missing.toml", "No such file")),
         (("presets", "check", "photo.png"), ("photo.png",)),
-        (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 4")),
+        (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 5")),
         (("inspect", "photo.png", "-o", "figures", "--point", "1;2"), ("'1;2'", "X,Y")),
         (("inspect", "photo.png", "-o", "figures", "--point", "999,1"), ("999,1", "outside")),
         (("inspect", "photo.png", "-o", "figures", "--spacing", "nan"), ("spacing nan",)),
@@ -853,10 +853,15 @@ CALL = "from strokeplan.cli import main; main()"
 
 
 @pytest.mark.parametrize(
-    ("sign", "patience_s", "cold"), [("layer 1 of 4", 0, False), ("compiling the kernels", 2, True)]
+    ("preset", "sign", "patience_s", "cold"),
+    [
+        ("paper", "layer 1 of 4", 0, False),
+        ("fine", "layer 1 of 5", 0, False),
+        ("fine", "compiling the kernels", 2, True),
+    ],
 )
 def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory, sign: str, patience_s: float, cold: bool
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, preset: str, sign: str, patience_s: float, cold: bool
 ) -> None:
     """At a terminal, with the progress bar under way; and while the kernels are compiled for the first time."""
     pixels = np.random.default_rng(1).integers(0, 256, (4000, 5000, 3), np.uint8)
@@ -864,7 +869,8 @@ def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
     before = set(contents(folder))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))} if cold else None
     ours, theirs = pty.openpty()
-    start = [sys.executable, "-c", LISTENING + CALL, "plan", "large.ppm", "-o", "out.json", "-o", "out.png"]
+    outputs = ["-o", "out.json", "-o", "out.png"]
+    start = [sys.executable, "-c", LISTENING + CALL, "plan", "large.ppm", *outputs, "--preset", preset]
     with subprocess.Popen(start, cwd=folder, stdout=subprocess.PIPE, stderr=theirs, env=environment) as run:
         try:
             os.close(theirs)

@@ -56,7 +56,7 @@ def test_figures_of_readme_are_those_of_the_measured_page(page: str, rows: list[
 
 def test_every_key_of_a_preset_is_explained() -> None:
     """A docstring under each field: what `presets show` cannot say."""
-    source = (ROOT / "strokeplan" / "presets.py").read_text()
+    source = "".join((ROOT / "strokeplan" / name).read_text() for name in ("presets.py", "color_settings.py"))
     from strokeplan.presets import LayerPreset, Preset
 
     for kind in (LayerPreset, Preset):
