@@ -146,12 +146,8 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
         def scaled_lengths(table: Preset | LayerPreset, names: tuple[str, ...]) -> dict[str, float]:
             return {name: max(getattr(table, name) * unit, LEAST_LENGTHS.get(name, 0.0)) for name in names}
 
-        layers = tuple(
-            msgspec.structs.replace(layer, **scaled_lengths(layer, LAYER_LENGTHS)) for layer in self.layers
-        )
-        scaled = msgspec.structs.replace(
-            self, lengths="pixels", layers=layers, **scaled_lengths(self, PRESET_LENGTHS)
-        )
+        layers = tuple(msgspec.structs.replace(layer, **scaled_lengths(layer, LAYER_LENGTHS)) for layer in self.layers)
+        scaled = msgspec.structs.replace(self, lengths="pixels", layers=layers, **scaled_lengths(self, PRESET_LENGTHS))
         return _from_builtins(msgspec.to_builtins(scaled), f"{self.name} on {width} × {height} pixels")
 
     def override(self, settings: dict[str, Any]) -> Preset:

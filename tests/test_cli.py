@@ -231,6 +231,22 @@ def test_orientation_and_preset_options_reach_the_plan(cli: Cli, folder: Path) -
     assert [layer["cap"] for layer in document["layers"]] == ["butt"]
 
 
+def test_budget_palette_and_mask_reach_the_plan(cli: Cli, folder: Path) -> None:
+    (folder / "mask.png").write_bytes(
+        png(np.repeat(np.repeat([[[255], [0]]], 24, 1), 32, 0).repeat(3, 2).astype(np.uint8))
+    )
+    options = ("--strokes", "40", "--palette", "#102030,#e0d0c0", "--mask", folder / "mask.png")
+    assert cli("plan", folder / "photo.png", "-o", folder / "out.json", *options).code == 0
+    plan = strokeplan.load(folder / "out.json")
+    assert 20 < len(plan) <= 40
+    assert plan.settings["strokes"] == 40
+    assert {tuple(colour) for colour in plan.colors.tolist()} == {(0x10, 0x20, 0x30), (0xE0, 0xD0, 0xC0)}
+    bold, minute = folder / "bold.json", folder / "minute.json"
+    for path, detail in ((bold, "0"), (minute, "1")):
+        assert cli("plan", folder / "photo.png", "-o", path, "--detail", detail).code == 0
+    assert len(strokeplan.load(minute)) > 1.5 * len(strokeplan.load(bold))
+
+
 def test_render_paints_a_picture_of_any_size(cli: Cli, folder: Path) -> None:
     for option, value, size in (("--width", "96", (96, 64)), ("--height", "16", (24, 16)), ("--scale", "3", (144, 96))):
         ended = cli("render", folder / "plan.json", "-o", folder / "out.png", option, value)
@@ -599,6 +615,14 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
         (("--seed", "-1"), ("seed -1", "0 or more")),
         (("--threads", "0"), ("threads 0", "below 1")),
         (("--threads", "-2"), ("threads -2", "below 1")),
+        (("--strokes", "0"), ("strokes 0", "1..")),
+        (("--detail", "1.5"), ("detail 1.5", "0..1")),
+        (("--strokes", "9", "--detail", "0.5"), ("strokes 9", "detail 0.5", "give one")),
+        (("--mask", "missing.png"), ("missing.png", "no such file")),
+        (("--mask", "broken.toml"), ("broken.toml",)),
+        (("--mask", "square.png"), ("mask", "20 × 20", "48 × 32")),
+        (("--palette", "#12"), ("#12",)),
+        (("--palette", "0"), ("0",)),
     ],
     ids=lambda value: "=".join(value) if isinstance(value, tuple) and value[0].startswith("--") else "",
 )
@@ -607,6 +631,7 @@ def test_a_bad_setting_is_refused(
 ) -> None:
     (folder / "broken.toml").write_text("layers = [", encoding="utf-8")
     (folder / "misspelt.toml").write_text("[[layers]]\nwidht = 5\n", encoding="utf-8")
+    (folder / "square.png").write_bytes(png(np.zeros((20, 20, 3), np.uint8)))
     refused(("plan", "photo.png", "-o", "out.svg", *options), *words)
 
 
