@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
+from functools import partial
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -336,7 +337,8 @@ def test_a_relative_length_that_gets_too_small_is_the_least_there_is() -> None:
     for key, least in LEAST_LENGTHS.items():
         place = key if key in LENGTHS else f"layers.1.{key}"
         load_preset("paper").override({place: least})
-        refused(lambda: load_preset("paper").override({place: 0.99 * least}), place, ">=")
+        below = {place: 0.99 * least}
+        refused(partial(load_preset("paper").override, below), place, ">=")
 
 
 def test_a_relative_length_that_gets_too_large_is_refused() -> None:
