@@ -48,12 +48,10 @@ ABLATION: dict[str, dict[str, dict[str, Any]]] = {
     "Integration ρ, of which 0 is the gradient": {
         f"ρ = {value}": {"integration_sigma": value} for value in (0.5, 2, 4, 8)
     },
-    "Coherence": {f"coherence {value}": {"coherence": value} for value in (0, 0.1, 0.25, 0.75, 0.9)},
+    "Coherence": {f"coherence {value}": {"coherence": value} for value in (0.1, 0.25, 0.5, 0.75, 0.9)},
     "Longest tract": {f"length {factor}": {"layers.*.length": factor} for factor in ("×0.1", "×0.25", "×0.5", "×2")},
     "Width": {f"width {factor}": {"layers.*.width": factor} for factor in ("×0.5", "×0.7", "×1.4", "×2")},
-    "Colour threshold": {
-        f"threshold {factor}": {"layers.*.color_threshold": factor} for factor in ("×0.25", "×0.5", "×2")
-    },
+    "Gain asked for": {f"gain {factor}": {"layers.*.gain": factor} for factor in ("×0.25", "×0.5", "×2")},
     "Tolerances": {
         "RDP ×4": {"layers.*.simplify_tolerance": "×4"},
         "fit ×4": {"layers.*.fit_tolerance": "×4"},

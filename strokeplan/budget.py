@@ -8,7 +8,7 @@ from math import log, sqrt
 import msgspec
 
 from strokeplan.errors import InputError
-from strokeplan.presets import LAYER_LENGTHS, Preset
+from strokeplan.presets import LAYER_LENGTHS, MAX_LAYERS, Preset
 from strokeplan.pursuit import Pursuit
 
 MAX_STROKES = 10_000_000
@@ -62,7 +62,7 @@ def for_strokes(preset: Preset, strokes: int | None) -> Preset:
         return preset
     first, needed = preset.layers[0], 1000 * sqrt(FEW / strokes)
     layers = list(preset.layers)
-    while needed > 1.5 * first.width:
+    while needed > 1.5 * first.width and len(layers) + len(ROUNDS) < MAX_LAYERS:
         scale = needed / first.width
         lengths = {name: getattr(first, name) * scale for name in LAYER_LENGTHS}
         lengths["length"] = min(lengths["length"], LONGEST)

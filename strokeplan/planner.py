@@ -44,6 +44,8 @@ from strokeplan.version import __version__
 
 FINEST_PX = 2.0
 """A preset of relative lengths is planned at the resolution at which its finest brush is this wide …"""
+NARROWEST_PX = 1.0
+"""Least relative width at the working resolution."""
 SPARED = 1.25
 """… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
 LARGEST_ENLARGEMENT = 4.0
@@ -120,7 +122,7 @@ def plan(
         raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
     photo = _photo(image)
     work = working_copy(photo, style)
-    job = _Job(work, style.for_photo(work.width, work.height), seed, _mask(mask, photo), progress)
+    job = _Job(work, _working_preset(style, work), seed, _mask(mask, photo), progress)
     with _workers(threads) as workers:
         layers, canvas = _paint_by_threshold(job, workers) if job.as_in_the_paper else _pursue(job, strokes, workers)
         if report is not None:
@@ -156,6 +158,16 @@ def working_copy(photo: Photo, style: Preset) -> Photo:
         return photo
     shown = Image.fromarray(photo.rgb).resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
     return replace(photo, rgb=np.asarray(shown))
+
+
+def _working_preset(style: Preset, work: Photo) -> Preset:
+    """A preset in pixels of its working copy. Of relative widths none is below a pixel, as they would be on the
+    smallest photos: such strokes pass between the centres of pixels and cover nothing."""
+    preset = style.for_photo(work.width, work.height)
+    if style.lengths == "pixels":
+        return preset
+    layers = tuple(msgspec.structs.replace(layer, width=max(layer.width, NARROWEST_PX)) for layer in preset.layers)
+    return msgspec.structs.replace(preset, layers=layers)
 
 
 class _Job:

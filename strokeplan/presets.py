@@ -24,6 +24,9 @@ from strokeplan.errors import PresetError
 MAX_LENGTH = 1e5
 MAX_FILTER = 1e3
 """These two filters run at the scale of the layer, which may be the photo's: time grows with them."""
+MAX_LAYERS = 32
+LEAST_LENGTHS = {"width": 0.1, "fit_tolerance": 0.01, "step_tolerance": 1e-6}
+"""No length in pixels may be less, so that the smallest photo has its plan too."""
 Length = Annotated[float, Meta(ge=0, le=MAX_LENGTH)]
 PositiveLength = Annotated[float, Meta(gt=0, le=MAX_LENGTH)]
 
@@ -35,7 +38,7 @@ class LayerPreset(LayerColors, frozen=True, forbid_unknown_fields=True, kw_only=
     """Standard deviation of the blur at which the orientation is measured (Table 1: scale factor σ)."""
     length: PositiveLength
     """Longest tract (Table 1)."""
-    width: Annotated[float, Meta(ge=0.1, le=MAX_LENGTH)]
+    width: Annotated[float, Meta(ge=LEAST_LENGTHS["width"], le=MAX_LENGTH)]
     """Width of the brush, and side of the grid's cells (Table 1)."""
     color_threshold: Annotated[float, Meta(ge=0, le=442)] = 0.0
     """A cell is tried when the mean RGB distance of photo and canvas exceeds this (Table 1), if not by gain."""
@@ -45,7 +48,7 @@ class LayerPreset(LayerColors, frozen=True, forbid_unknown_fields=True, kw_only=
     """Tracts shorter than this are dropped."""
     simplify_tolerance: Length = 0.25
     """Furthest that Ramer–Douglas–Peucker may move the tract."""
-    fit_tolerance: Annotated[float, Meta(ge=0.01, le=MAX_LENGTH)] = 0.75
+    fit_tolerance: Annotated[float, Meta(ge=LEAST_LENGTHS["fit_tolerance"], le=MAX_LENGTH)] = 0.75
     """Furthest that a fitted curve may stray from the simplified tract."""
 
 
@@ -55,7 +58,7 @@ LAYER_LENGTHS = ("sigma", "length", "width", "min_length", "simplify_tolerance",
 class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A style: everything the planner needs beside the photo and the seed."""
 
-    layers: Annotated[tuple[LayerPreset, ...], Meta(min_length=1, max_length=32)]
+    layers: Annotated[tuple[LayerPreset, ...], Meta(min_length=1, max_length=MAX_LAYERS)]
     name: str = ""
     description: str = ""
     lengths: Literal["pixels", "relative"] = "pixels"
@@ -76,7 +79,7 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
     surroundings; 0: never."""
     coherence: Annotated[float, Meta(ge=0, le=1)] = 0.5
     """A tract ends where the coherence falls below this."""
-    step_tolerance: Annotated[float, Meta(ge=1e-6, le=MAX_LENGTH)] = 0.05
+    step_tolerance: Annotated[float, Meta(ge=LEAST_LENGTHS["step_tolerance"], le=MAX_LENGTH)] = 0.05
     """Largest estimated error of one Runge–Kutta step."""
     max_step: PositiveLength = 2.0
     """Longest Runge–Kutta step: a tract cannot leap across a wider band of incoherence."""
@@ -135,20 +138,16 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
             )
 
     def for_photo(self, width: int, height: int) -> Preset:
-        """This preset with every length in pixels of a photo of that size."""
+        """This preset with every length in pixels of a photo of that size, or the least that a preset may give."""
         if self.lengths == "pixels":
             return self
         unit = sqrt(width * height) / 1000
-        layers = tuple(
-            msgspec.structs.replace(layer, **{name: getattr(layer, name) * unit for name in LAYER_LENGTHS})
-            for layer in self.layers
-        )
-        scaled = msgspec.structs.replace(
-            self,
-            lengths="pixels",
-            layers=layers,
-            **{name: getattr(self, name) * unit for name in PRESET_LENGTHS},
-        )
+
+        def scaled_lengths(table: Preset | LayerPreset, names: tuple[str, ...]) -> dict[str, float]:
+            return {name: max(getattr(table, name) * unit, LEAST_LENGTHS.get(name, 0.0)) for name in names}
+
+        layers = tuple(msgspec.structs.replace(layer, **scaled_lengths(layer, LAYER_LENGTHS)) for layer in self.layers)
+        scaled = msgspec.structs.replace(self, lengths="pixels", layers=layers, **scaled_lengths(self, PRESET_LENGTHS))
         return _from_builtins(msgspec.to_builtins(scaled), f"{self.name} on {width} × {height} pixels")
 
     def override(self, settings: dict[str, Any]) -> Preset:

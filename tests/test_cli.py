@@ -37,8 +37,9 @@ from strokeplan.presets import names
 
 COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "montage", "presets")
 FORMATS = (".json", ".json.gz", ".svg", ".svgz", ".png")
-TINY = ("--set", "layers.1.width=16", "--set", "layers.1.sigma=3")
-"""Settings that leave more than one stroke in the first layer of a tiny picture."""
+PAPER = ("--preset", "paper")
+TINY = (*PAPER, "--set", "layers.1.width=16", "--set", "layers.1.sigma=3")
+"""Settings of the paper's preset that leave more than one stroke in the first layer of a tiny picture."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def picture() -> NDArray[np.uint8]:
 def strokes(picture: NDArray[np.uint8], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The strokes file of the picture, decoded."""
     path = tmp_path_factory.mktemp("strokes") / "plan.json"
-    strokeplan.plan(picture, seed=1).save(path)
+    strokeplan.plan(picture, "paper", seed=1).save(path)
     document: dict[str, Any] = json.loads(path.read_bytes())
     return document
 
@@ -230,6 +231,22 @@ def test_orientation_and_preset_options_reach_the_plan(cli: Cli, folder: Path) -
     assert [layer["cap"] for layer in document["layers"]] == ["butt"]
 
 
+def test_budget_palette_and_mask_reach_the_plan(cli: Cli, folder: Path) -> None:
+    (folder / "mask.png").write_bytes(
+        png(np.repeat(np.repeat([[[255], [0]]], 24, 1), 32, 0).repeat(3, 2).astype(np.uint8))
+    )
+    options = ("--strokes", "40", "--palette", "#102030,#e0d0c0", "--mask", folder / "mask.png")
+    assert cli("plan", folder / "photo.png", "-o", folder / "out.json", *options).code == 0
+    plan = strokeplan.load(folder / "out.json")
+    assert 10 < len(plan) <= 40
+    assert plan.settings["strokes"] == 40
+    assert {tuple(colour) for colour in plan.colors.tolist()} == {(0x10, 0x20, 0x30), (0xE0, 0xD0, 0xC0)}
+    bold, minute = folder / "bold.json", folder / "minute.json"
+    for path, detail in ((bold, "0"), (minute, "1")):
+        assert cli("plan", folder / "photo.png", "-o", path, "--detail", detail).code == 0
+    assert len(strokeplan.load(minute)) > 1.5 * len(strokeplan.load(bold))
+
+
 def test_render_paints_a_picture_of_any_size(cli: Cli, folder: Path) -> None:
     for option, value, size in (("--width", "96", (96, 64)), ("--height", "16", (24, 16)), ("--scale", "3", (144, 96))):
         ended = cli("render", folder / "plan.json", "-o", folder / "out.png", option, value)
@@ -277,7 +294,7 @@ def test_evaluate_gives_its_figures(cli: Cli, planned: tuple[Path, Ended]) -> No
 def test_evaluate_writes_json_that_anyone_can_read(cli: Cli, folder: Path) -> None:
     """A perfect picture of 2 × 2 pixels has an infinite PSNR and no SSIM."""
     (folder / "white.png").write_bytes(png(np.full((2, 2, 3), 255, np.uint8)))
-    assert cli("plan", folder / "white.png", "-o", folder / "white.json").code == 0
+    assert cli("plan", folder / "white.png", "-o", folder / "white.json", *PAPER).code == 0
     ended = cli("evaluate", folder / "white.json", folder / "white.png", "--json")
     told = json.loads(ended.out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert (told["psnr_db"], told["ssim"], told["rgb_8bit"], told["uncovered_percent"]) == (None, None, 0, 100)
@@ -334,7 +351,7 @@ def test_evaluate_takes_all_presets_by_default(cli: Cli, photos: Path) -> None:
         (("--set", "empty"), ("empty: no pictures there",)),
         (("--set", "photo.png"), ("--set photo.png: is no folder",)),
         (("--set", "nowhere"), ("--set nowhere: is no folder",)),
-        (("--set", "empty", "--preset", "papre"), ("'papre'", "paper, paper-published")),
+        (("--set", "empty", "--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -346,7 +363,7 @@ def test_evaluate_refuses_what_cannot_be_compared(
 
 
 def test_inspect_draws_the_figures(cli: Cli, folder: Path) -> None:
-    ended = cli("inspect", folder / "photo.png", "-o", folder / "figures", "--layer", "3", "--compare")
+    ended = cli("inspect", folder / "photo.png", "-o", folder / "figures", *PAPER, "--layer", "3", "--compare")
     assert ended.code == 0, ended
     assert sorted(path.name for path in (folder / "figures").iterdir()) == [
         "coherence.png", "compare.png", "orientation.png", "tract.png",
@@ -380,7 +397,7 @@ def test_montage_makes_a_sheet_of_photos(cli: Cli, folder: Path, photos: Path, p
 def test_presets_lists_the_styles(cli: Cli) -> None:
     ended = cli("presets")
     assert ended.code == 0
-    assert {"paper", "paper-published"} <= {line.split()[0] for line in ended.out.splitlines()}
+    assert {"fine", "paper", "paper-published"} <= {line.split()[0] for line in ended.out.splitlines()}
 
 
 def test_what_presets_show_prints_is_sound(cli: Cli, folder: Path) -> None:
@@ -426,7 +443,7 @@ def test_a_picture_of_one_colour_gives_a_plan_without_nan(cli: Cli, folder: Path
     """Nothing has a direction there, so no stroke is laid, and the plan says so."""
     (folder / "flat.png").write_bytes(png(np.full((20, 30, 3), level, np.uint8)))
     outputs = [argument for suffix in FORMATS for argument in ("-o", folder / f"flat-out{suffix}")]
-    ended = cli("plan", folder / "flat.png", *outputs)
+    ended = cli("plan", folder / "flat.png", *outputs, *PAPER)
     assert ended.code == 0, ended
     assert ended.out.startswith("0 strokes (0 + 0 + 0 + 0)")
     assert "nan" not in ended.out
@@ -444,7 +461,7 @@ def test_a_picture_of_one_colour_gives_a_plan_without_nan(cli: Cli, folder: Path
 def test_a_very_narrow_picture_is_planned(cli: Cli, folder: Path) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (2000, 3, 3), np.uint8)
     (folder / "narrow.png").write_bytes(png(pixels))
-    ended = cli("plan", folder / "narrow.png", "-o", folder / "out.json", "-o", folder / "out.svg")
+    ended = cli("plan", folder / "narrow.png", "-o", folder / "out.json", "-o", folder / "out.svg", *PAPER)
     assert ended.code == 0, ended
     plan = strokeplan.load(folder / "out.json")
     assert (plan.width, plan.height) == (3, 2000)
@@ -580,14 +597,14 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--preset", "papre"), ("'papre'", "paper, paper-published")),
+        (("--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
         (("--preset", "missing.toml"), ("missing.toml", "No such file")),
         (("--preset", "broken.toml"), ("broken.toml", "is not TOML")),
         (("--preset", "misspelt.toml"), ("misspelt.toml", "layers.1", "widht", "width")),
         (("--set", "coherense=0.5"), ("coherense", "unknown key", "coherence")),
         (("--set", "layers.2.widht=8"), ("layers.2.widht", "unknown key", "width")),
-        (("--set", "layers.9.width=8"), ("layers.9.width", "numbered 1 to 4")),
-        (("--set", "layers.0.width=8"), ("layers.0.width", "numbered 1 to 4")),
+        (("--set", "layers.9.width=8"), ("layers.9.width", "numbered 1 to 5")),
+        (("--set", "layers.0.width=8"), ("layers.0.width", "numbered 1 to 5")),
         (("--set", "coherence"), ("'coherence'", "KEY=VALUE")),
         (("--set", "coherence=1.5"), ("coherence = 1.5", "<= 1")),
         (("--set", "coherence=nan"), ("coherence = nan", ">= 0")),
@@ -598,6 +615,14 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
         (("--seed", "-1"), ("seed -1", "0 or more")),
         (("--threads", "0"), ("threads 0", "below 1")),
         (("--threads", "-2"), ("threads -2", "below 1")),
+        (("--strokes", "0"), ("strokes 0", "1..")),
+        (("--detail", "1.5"), ("detail 1.5", "0..1")),
+        (("--strokes", "9", "--detail", "0.5"), ("strokes 9", "detail 0.5", "give one")),
+        (("--mask", "missing.png"), ("missing.png", "no such file")),
+        (("--mask", "broken.toml"), ("broken.toml",)),
+        (("--mask", "square.png"), ("mask", "20 × 20", "48 × 32")),
+        (("--palette", "#12"), ("#12",)),
+        (("--palette", "0"), ("0",)),
     ],
     ids=lambda value: "=".join(value) if isinstance(value, tuple) and value[0].startswith("--") else "",
 )
@@ -606,6 +631,7 @@ def test_a_bad_setting_is_refused(
 ) -> None:
     (folder / "broken.toml").write_text("layers = [", encoding="utf-8")
     (folder / "misspelt.toml").write_text("[[layers]]\nwidht = 5\n", encoding="utf-8")
+    (folder / "square.png").write_bytes(png(np.zeros((20, 20, 3), np.uint8)))
     refused(("plan", "photo.png", "-o", "out.svg", *options), *words)
 
 
@@ -630,10 +656,10 @@ def test_a_bad_size_is_refused(refused: Refused, options: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("presets", "show", "papre"), ("'papre'", "paper, paper-published")),
+        (("presets", "show", "papre"), ("'papre'", "fine, paper, paper-published")),
         (("presets", "check", "missing.toml"), ("missing.toml", "No such file")),
         (("presets", "check", "photo.png"), ("photo.png",)),
-        (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 4")),
+        (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 5")),
         (("inspect", "photo.png", "-o", "figures", "--point", "1;2"), ("'1;2'", "X,Y")),
         (("inspect", "photo.png", "-o", "figures", "--point", "999,1"), ("999,1", "outside")),
         (("inspect", "photo.png", "-o", "figures", "--spacing", "nan"), ("spacing nan",)),
@@ -852,10 +878,15 @@ CALL = "from strokeplan.cli import main; main()"
 
 
 @pytest.mark.parametrize(
-    ("sign", "patience_s", "cold"), [("layer 1 of 4", 0, False), ("compiling the kernels", 2, True)]
+    ("preset", "sign", "patience_s", "cold"),
+    [
+        ("paper", "layer 1 of 4", 0, False),
+        ("fine", "layer 1 of 5", 0, False),
+        ("fine", "compiling the kernels", 2, True),
+    ],
 )
 def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory, sign: str, patience_s: float, cold: bool
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, preset: str, sign: str, patience_s: float, cold: bool
 ) -> None:
     """At a terminal, with the progress bar under way; and while the kernels are compiled for the first time."""
     pixels = np.random.default_rng(1).integers(0, 256, (4000, 5000, 3), np.uint8)
@@ -863,7 +894,8 @@ def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
     before = set(contents(folder))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))} if cold else None
     ours, theirs = pty.openpty()
-    start = [sys.executable, "-c", LISTENING + CALL, "plan", "large.ppm", "-o", "out.json", "-o", "out.png"]
+    outputs = ["-o", "out.json", "-o", "out.png"]
+    start = [sys.executable, "-c", LISTENING + CALL, "plan", "large.ppm", *outputs, "--preset", preset]
     with subprocess.Popen(start, cwd=folder, stdout=subprocess.PIPE, stderr=theirs, env=environment) as run:
         try:
             os.close(theirs)

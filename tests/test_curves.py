@@ -112,7 +112,7 @@ def test_the_published_fit_strays_where_ours_does_not() -> None:
         vertices = simplify(points, 1.0)
         if len(vertices) > 3:
             chain = np.empty((3 * len(vertices), 2))
-            pieces = curves.fit(vertices, len(vertices), 1.0, False, chain, 0)
+            pieces = curves.fit(vertices, len(vertices), 1.0, False, chain, 0, curves.scratch(len(vertices)))
             worst = max(worst, straying(chain[: 3 * pieces + 1], points))
     assert worst > 4
 

@@ -64,6 +64,16 @@ def test_preset_paper_published_looks_like_the_published_pictures(name: str, pub
     assert np.mean(cubics) > 150_000
 
 
+@pytest.mark.parametrize(
+    ("name", "psnr_db"), [("angel1024", 29.6), ("arch1024", 17.2), ("athletes1024", 32.1), ("barn1024", 25.1)]
+)
+def test_preset_fine_comes_as_near_as_measured(name: str, psnr_db: float) -> None:
+    """Painted with antialiasing, at the photo's size."""
+    photo = strokeplan.load_photo(next(path for path in photos("NPRgeneral") if path.stem == name))
+    figures = compare(strokeplan.render(strokeplan.plan(photo, "fine")), photo.rgb)
+    assert figures.psnr_db == pytest.approx(psnr_db, abs=0.3)
+
+
 def test_faces_are_found_in_portraits_and_nowhere_else() -> None:
     """Of the other photos, two show a face from the front that is not half hidden or bearded: a statue's is one."""
     assert [path.name for path in photos("NPRportrait1") if not faces(strokeplan.load_photo(path).rgb).any()] == []

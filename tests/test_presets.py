@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
+from functools import partial
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 import strokeplan
 from strokeplan.color_settings import LayerColors
 from strokeplan.errors import PresetError
-from strokeplan.presets import LayerPreset, Preset, load_preset, names, parse_assignments, source
+from strokeplan.presets import LEAST_LENGTHS, LayerPreset, Preset, load_preset, names, parse_assignments, source
 
 # Lengths by the words of the documentation, not by the lists that the code keeps.
 LENGTHS = {"derivative_sigma", "integration_sigma", "max_integration_sigma", "step_tolerance", "max_step"}
+PURE_NUMBERS = {"gain", "separation", "importance_strength", "thin", "pressure"}
 LAYER_LENGTHS = {"sigma", "length", "width", "min_length", "simplify_tolerance", "fit_tolerance"}
 
 ONE_LAYER = "[[layers]]\nsigma = 1\nlength = 10\nwidth = 5\ncolor_threshold = 50\n"
@@ -333,15 +335,29 @@ def test_relative_lengths_scale_with_the_photo_and_nothing_else_does() -> None:
 def test_every_number_with_a_unit_is_known_to_be_a_length() -> None:
     """A field that is added must be put on one side or the other."""
     numbers = {field.name for field in msgspec.structs.fields(Preset) if isinstance(field.default, float)}
-    further = {"gain", "separation", "importance_strength", "thin", "pressure"}
-    assert numbers == LENGTHS | {"coherence", "wander"} | further
-    colours = set(LayerColors.__struct_fields__)
-    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold", "gain"} | colours
+    assert numbers == LENGTHS | {"coherence", "wander"} | PURE_NUMBERS
+    assert set(LayerPreset.__struct_fields__) == LAYER_LENGTHS | {"color_threshold", "gain"} | set(
+        LayerColors.__struct_fields__
+    )
 
 
-def test_a_relative_length_that_gets_too_small_is_refused() -> None:
-    relative = load_preset("paper").override({"lengths": "relative"})
-    refused(lambda: relative.for_photo(10, 10), "paper on 10 × 10 pixels", "layers.1.fit_tolerance = 0.0075", ">= 0.01")
+def test_a_relative_length_that_gets_too_small_is_the_least_there_is() -> None:
+    """What a preset in pixels may give: the smallest photo has its plan too."""
+    tiny = load_preset("paper").override({"lengths": "relative"}).for_photo(2, 2)
+    assert [layer.width for layer in tiny.layers] == [0.1] * 4
+    assert [layer.fit_tolerance for layer in tiny.layers] == [0.01] * 4
+    assert tiny.layers[0].length == pytest.approx(2)
+    assert tiny.step_tolerance == pytest.approx(1e-4)
+    for key, least in LEAST_LENGTHS.items():
+        place = key if key in LENGTHS else f"layers.1.{key}"
+        load_preset("paper").override({place: least})
+        below = {place: 0.99 * least}
+        refused(partial(load_preset("paper").override, below), place, ">=")
+
+
+def test_a_relative_length_that_gets_too_large_is_refused() -> None:
+    vast = load_preset("paper").override({"lengths": "relative", "layers.1.width": 1e5})
+    refused(lambda: vast.for_photo(2000, 2000), "paper on 2000 × 2000 pixels", "layers.1.width = 200000", "<= 100000")
 
 
 layers = st.builds(

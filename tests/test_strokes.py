@@ -196,7 +196,7 @@ class TestEmptyPlan:
         assert np.all(picture == (9, 8, 7))
 
     def test_is_evaluated(self, plan: StrokePlan) -> None:
-        assert evaluate(plan, Photo(np.full((4, 6, 3), 255, np.uint8))).rgb == 0
+        assert evaluate(plan, Photo(np.full((4, 6, 3), 255, np.uint8))).rgb_8bit == 0
 
     @pytest.mark.parametrize("suffix", [".json", ".json.gz", ".svg", ".svgz", ".png"])
     def test_is_saved(self, plan: StrokePlan, suffix: str, tmp_path: Path) -> None:

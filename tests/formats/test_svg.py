@@ -231,7 +231,7 @@ def test_validation_finds_a_wrong_attribute() -> None:
 
 @pytest.fixture(scope="module")
 def photo_plan(sample_photo: Path) -> StrokePlan:
-    return strokeplan.plan(sample_photo)
+    return strokeplan.plan(sample_photo, "paper")
 
 
 def rsvg(data: bytes, scale: int = 1) -> bytes:
