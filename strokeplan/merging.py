@@ -6,7 +6,8 @@ through both: from an end of one to the meeting, and on to an end of the other, 
 that begins and ends one width off the meeting. What it leaves of the two (the ends beyond a crossing) must be
 covered by it but for a small part, or both stay as they are. Merged strokes merge again, nearest colours first.
 
-The merged stroke is laid where the later of the two lay: that one was laid to be seen.
+The merged stroke is laid where the larger of the two lay, because least changes so: only the smaller one comes to
+lie above, or below, what was painted between the two.
 
 Strokes are compared at points half a width apart, in buckets of squares as wide as the brush, so that time grows
 with the length of all strokes. A curve is fitted once, when all its parts are known: it strays from their polylines
@@ -130,7 +131,7 @@ def _merge_once(sheet: _Sheet, fresh: NDArray[np.bool_], longest: float, alike: 
         if len(way) == 0:
             continue
         busy[before] = busy[after] = True
-        gone, stays = min(i, j), max(i, j)
+        gone, stays = sorted((i, j), key=lambda k: (sheet.areas[k], k))
         sheet.colours[stays] = np.average(sheet.colours[[i, j]], axis=0, weights=sheet.areas[[i, j]])
         sheet.widths[stays] = width
         sheet.areas[stays] += sheet.areas[gone]

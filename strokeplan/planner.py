@@ -234,7 +234,7 @@ def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes]
         before = canvas.copy() if job.preset.merge > 0 else None
         layers.append(paint_layer(job.pixels, canvas, field, job.preset, layer, (job.seed, number), workers, tell))
         if before is not None:
-            # Painted anew: a merged stroke has another colour than its parts, and its earlier part was below others.
+            # Painted anew: a merged stroke has another colour than its parts, and another place among the others.
             layers[-1] = merge(layers[-1], layer_brush(job.preset, layer), job.preset.merge)
             canvas[:] = before
             paint_strokes(canvas, layers[-1], job.preset.cap == "round")

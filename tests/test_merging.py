@@ -148,15 +148,13 @@ def test_no_stroke_becomes_longer_than_its_layer_allows() -> None:
     assert len(merged) <= 12
 
 
-def test_the_merged_stroke_lies_where_the_later_lay() -> None:
-    between = straight((40, 50), (40, 90))
-    merged = merge(
-        layer(straight((10, 10), (40, 10)), between, straight((40, 10), (90, 10)), colours=[RED, BLUE, NEARLY_RED]),
-        brush(), 20,
-    )  # fmt: skip
-    assert np.array_equal(curves(merged)[0], between)
-    assert merged.colours[0] == BLUE
+@pytest.mark.parametrize("larger_first", [False, True])
+def test_the_merged_stroke_lies_where_the_larger_lay(larger_first: bool) -> None:
+    small, large, between = straight((10, 10), (40, 10)), straight((40, 10), (90, 10)), straight((40, 50), (40, 90))
+    ends = [large, small] if larger_first else [small, large]
+    merged = merge(layer(ends[0], between, ends[1], colours=[RED, BLUE, NEARLY_RED]), brush(), 20)
     assert len(merged.counts) == 2
+    assert merged.colours[1 if larger_first else 0] == BLUE
 
 
 def test_little_or_nothing_to_merge() -> None:
