@@ -200,6 +200,11 @@ def paint_layer(
     )
 
 
+def paint_strokes(canvas: Packed, strokes: LayerStrokes, round_cap: bool) -> None:
+    """Paint strokes on a canvas, in their order."""
+    _paint_chains(canvas, strokes.points, strokes.counts, strokes.widths, strokes.colours, round_cap)
+
+
 class _TraceAhead:
     """Batches in work in the threads of an executor, two ahead for each."""
 
@@ -388,6 +393,21 @@ def _paint_cells(
             colours[laid] = colour
             laid += 1
     return at, laid, used
+
+
+@leaf
+def _paint_chains(
+    canvas: Packed,
+    points: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    widths: NDArray[np.float64],
+    colours: NDArray[np.uint32],
+    round_cap: bool,
+) -> None:
+    first = 0
+    for stroke in range(len(counts)):
+        paint_chain(canvas, points, first, counts[stroke] // 3, widths[stroke], round_cap, colours[stroke])
+        first += counts[stroke]
 
 
 @leaf

@@ -33,7 +33,16 @@ from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
 from strokeplan.importance import importance_map, load_mask, segments
-from strokeplan.painting import BEND_WIDTHS, LayerStrokes, Workers, layer_brush, paint_layer, wander_key
+from strokeplan.merging import merge
+from strokeplan.painting import (
+    BEND_WIDTHS,
+    LayerStrokes,
+    Workers,
+    layer_brush,
+    paint_layer,
+    paint_strokes,
+    wander_key,
+)
 from strokeplan.palette import choose_colors, color_table, plan_palette
 from strokeplan.presets import LayerPreset, Preset, load_preset
 from strokeplan.pressure import add_pressure
@@ -234,7 +243,13 @@ def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes]
         began = perf_counter()
         laid = sum(len(strokes.counts) for strokes in layers)
         tell = job.teller(number, laid, lambda: _canvas_error(job.pixels, canvas, ERROR_STRIDE))
+        before = canvas.copy() if job.preset.merge > 0 else None
         layers.append(paint_layer(job.pixels, canvas, field, job.preset, layer, (job.seed, number), workers, tell))
+        if before is not None:
+            # Painted anew: a merged stroke has another colour than its parts, and another place among the others.
+            layers[-1] = merge(layers[-1], layer_brush(job.preset, layer), job.preset.merge)
+            canvas[:] = before
+            paint_strokes(canvas, layers[-1], job.preset.cap == "round")
         job.waited("strokes", began)
         del field  # the largest thing there is, and the next layer's waits
     return layers, canvas
@@ -269,6 +284,8 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
             picture.paint_layer(
                 fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
             )
+            if preset.merge > 0 and not rules.cover:  # merged strokes might let the canvas through
+                picture.merge(layer_brush(preset, layer), preset.merge)
             if preset.thin > 0:
                 picture.thin(preset.thin)
             job.waited("strokes", began)

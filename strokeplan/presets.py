@@ -107,6 +107,9 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Regions of similar colour whose borders no tract crosses; 0: tracts cross everything."""
     thin: Annotated[float, Meta(ge=0, le=442)] = 0.0
     """Strokes that differ from what lies below them by less than this mean RGB distance are left out."""
+    merge: Annotated[float, Meta(ge=0, le=442)] = 0.0
+    """Strokes of a layer that meet, in nearly the same direction and in colours nearer than this RGB distance, become
+    one stroke; 0: never. Not in a first layer that covers the canvas."""
     pressure: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """How much the pressure of the brush varies along a stroke; 0: not at all."""
 

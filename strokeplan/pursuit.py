@@ -33,6 +33,7 @@ from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
+from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
 from strokeplan.tractography import splitmix64, trace, tract_capacity
 
@@ -387,6 +388,13 @@ class Pursuit:
             np.concatenate([layer.counts for layer in self.layers]),
             np.concatenate([layer.widths for layer in self.layers]),
         )
+
+    def merge(self, brush: Brush, alike: float) -> None:
+        """Merge strokes of the last layer that meet in colours nearer than an RGB distance of `alike`."""
+        merged = merge_strokes(self.layers[-1], brush, alike)
+        if len(merged.counts) < len(self.layers[-1].counts):
+            self.layers[-1] = merged
+            self._look_below()
 
     def thin(self, least: float) -> None:
         """Drop strokes that differ from what lies below them by less than a mean RGB distance of `least`."""
