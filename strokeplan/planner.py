@@ -131,7 +131,7 @@ def plan(
         raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
     photo = _photo(image)
     work = working_copy(photo, style)
-    job = _Job(work, _working_preset(style, work), seed, _mask(mask, photo), progress)
+    job = _Job(work, photo, _working_preset(style, work), seed, _mask(mask, photo), progress)
     with _workers(threads) as workers:
         layers, canvas = _paint_by_threshold(job, workers) if job.as_in_the_paper else _pursue(job, strokes, workers)
         if report is not None:
@@ -185,12 +185,15 @@ class _Job:
     def __init__(
         self,
         photo: Photo,
+        original: Photo,
         preset: Preset,
         seed: int,
         mask: NDArray[np.float32] | None,
         progress: Callable[[Progress], None] | None,
     ) -> None:
         self.photo, self.preset, self.seed, self.mask, self.progress = photo, preset, seed, mask, progress
+        self.spare = max(photo.width / original.width, 1.0)
+        """A pixel of the photo at the working resolution, or one of that."""
         self.pixels = pack(photo.rgb)
         self.background = int(preset.background.removeprefix("#"), 16)
         self.palette = plan_palette(preset, photo.rgb, seed)
@@ -277,10 +280,10 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
             began = perf_counter()
             least = gain * layer.gain * 1e-6 * (picture.error_to_beat() + UNSEEN * weight.size)
             if preset.keep == "gain" and number == len(preset.layers) > 1:
-                picture.prune(PRUNE * least)
+                picture.prune(PRUNE * least, spare_first=preset.cover)
                 picture.look_closely(workers)
             tell = job.teller(number, picture.strokes, picture.mean_distance)
-            rules = _rules(preset, layer, number, least, float(weight.min()) < float(weight.max()))
+            rules = _rules(job, layer, number, least, float(weight.min()) < float(weight.max()))
             picture.paint_layer(
                 fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
             )
@@ -292,11 +295,12 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
         return picture
 
     best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
-    canvas = best.finish(preset.cover and most is None, workers)
+    canvas = best.finish(workers, job.spare if preset.cover and most is None else None)
     return best.layers, canvas
 
 
-def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
+def _rules(job: _Job, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
+    preset = job.preset
     by_gain, cover = preset.keep == "gain", preset.cover and number == 1
     trigger = TRIGGER * gain / (layer.width * layer.length) if by_gain else layer.color_threshold
     if by_gain and cover:
@@ -308,6 +312,7 @@ def _rules(preset: Preset, layer: LayerPreset, number: int, gain: float, uneven:
         gain=gain,
         trigger=trigger,
         cover=cover,
+        spare=job.spare,
         separation=preset.separation * layer.width,
         vary_width=uneven,
     )

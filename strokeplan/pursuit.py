@@ -97,6 +97,9 @@ class Rules(NamedTuple):
     """Least mean of a cell that is tried: of its squared error, if by gain, or of its RGB distance."""
     cover: bool
     """Cover every pixel, whatever it gains."""
+    spare: float
+    """By how much strokes that cover are planned thinner than they are painted: a pixel of the photo, so that no
+    antialiased border lets the canvas through."""
     separation: float
     """Distance of evenly spaced strokes."""
     vary_width: bool
@@ -312,10 +315,15 @@ class Pursuit:
             layer.colours = own
         self._measure()
 
-    def prune(self, least: float) -> None:
-        """Drop the strokes without which the error would grow by less than `least`."""
+    def prune(self, least: float, *, spare_first: bool = False) -> None:
+        """Drop the strokes that are seen and without which the error would grow by less than `least`.
+
+        `spare_first`: but those of the first layer, which cover the canvas.
+        """
         costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
-        self._drop((costs < least) & seen, costs)
+        drop = (costs < least) & seen
+        drop[: len(self.layers[0].counts) if spare_first else 0] = False
+        self._drop(drop, costs)
 
     def look_closely(self, workers: Workers) -> None:
         """Measure the error as an antialiased picture has it, in which seams between strokes show what lies below."""
@@ -323,11 +331,11 @@ class Pursuit:
         for (top, bottom), numbers in self._closely(workers):
             _compare(self.photo[top:bottom], self.weight[top:bottom], _reduced(numbers, shown), self.error[top:bottom])
 
-    def finish(self, cover: bool, workers: Workers) -> Packed:
+    def finish(self, workers: Workers, spare: float | None = None) -> Packed:
         """Drop strokes that nobody sees, give the others the colours that suit best together; return the picture.
 
-        All as an antialiased picture has it. `cover` spares what alone keeps the canvas from showing between
-        antialiased strokes, in the colour that is wanted there.
+        All as an antialiased picture has it. With `spare` (see Rules) what alone covers a part of the canvas stays, in
+        the colour that is wanted there.
         """
         closely = self._closely(workers)
         n = self.strokes
@@ -339,9 +347,9 @@ class Pursuit:
             colours[:n] += DAMPING * sums[:n, 1:] / np.maximum(sums[:n, :1], 1e-9)
             np.clip(colours, 0, 255, out=colours)
         drop = sums[:n, 0] == 0
-        if cover:
+        if spare is not None:
             self.marks += n
-            _keep_covered(self.photo, self.stamp, *self._outlines(), self.round_cap, drop, self.marks, colours)
+            _keep_covered(self.photo, self.stamp, *self._outlines(), self.round_cap, spare, drop, self.marks, colours)
         packed = _packed(colours[:n], self.choice)
         for layer, own in zip(self.layers, self._by_layer(packed), strict=True):
             layer.colours = own
@@ -618,9 +626,7 @@ def _try(
     width = brush.width
     if rules.vary_width:
         width *= min(max(1.0 / np.sqrt(scene.weight[i, j]), NARROWEST), WIDEST)
-    # Footprints that decide about covering are half a pixel thinner all round than the stroke, so
-    # that no antialiased border lets the canvas through.
-    thick = max(width - 1.0, 0.5 * width) if rules.cover else width
+    thick = max(width - rules.spare, 0.5 * width) if rules.cover else width
     if dab:
         tract[0, 0], tract[0, 1] = j + 0.5 - 0.1 * width, i + 0.5
         tract[1, 0], tract[1, 1] = j + 0.5 + 0.1 * width, i + 0.5
@@ -1174,11 +1180,12 @@ def _keep_covered(
     counts: NDArray[np.int64],
     widths: NDArray[np.float64],
     round_cap: bool,
+    spare: float,
     drop: NDArray[np.bool_],
     mark: int,
     colours: NDArray[np.float64],
 ) -> None:
-    """Take back what is to be dropped and covers a pixel that no other stroke covers with half a pixel to spare.
+    """Take back what is to be dropped and covers a pixel that no other stroke, thinner by `spare`, covers.
 
     Its colour becomes the mean of the photo there.
     """
@@ -1186,7 +1193,7 @@ def _keep_covered(
     first = 0
     for stroke in range(len(counts)):
         if not drop[stroke]:
-            thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
+            thin = max(widths[stroke] - spare, 0.5 * widths[stroke])
             paint_chain(solid, points, first, counts[stroke] // 3, thin, round_cap, np.uint32(1))
         first += counts[stroke]
     pixels = np.empty((stamp.size, 2), np.int32)
@@ -1194,7 +1201,7 @@ def _keep_covered(
     for stroke in range(len(counts)):
         if drop[stroke]:
             mark -= 1
-            thin = max(widths[stroke] - 1.0, 0.5 * widths[stroke])
+            thin = max(widths[stroke] - spare, 0.5 * widths[stroke])
             n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, round_cap, pixels)
             red = green = blue = needed = 0.0
             for k in range(n):
