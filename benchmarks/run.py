@@ -16,8 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from results import table
-from timing import STROKEPLAN, median, repeated, run, tiled_photo
+from timing import SAMPLES, STROKEPLAN, median, repeated, run, tiled_photo
 
 import strokeplan
 from strokeplan.formats import json as strokes_json
@@ -33,7 +34,7 @@ def main() -> None:
     sections = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for section in (planning, first_run, start_up, sizes, files):
+        for section in (planning, resolutions, first_run, start_up, sizes, files):
             print(f"… {section.__name__}", file=sys.stderr)
             sections.append(section(folder))
     head = (
@@ -50,7 +51,7 @@ def main() -> None:
 
 def planning(folder: Path) -> str:
     photo, plan = str(tiled_photo(folder / "photo.jpg", 2000, 1300)), str(folder / "plan.json")
-    command = (*STROKEPLAN, "plan", photo, "-o", plan, "-q")
+    command = (*STROKEPLAN, "plan", photo, "-p", "paper", "-o", plan, "-q")
     bound = (sys.executable, str(HERE / "lower_bound.py"), photo, plan)
     run(*command)
     run(*bound)
@@ -96,7 +97,7 @@ def start_up(folder: Path) -> str:
         for name, cost in (
             ("`strokeplan --help`", repeated(RUNS, *STROKEPLAN, "--help")),
             ("a plan of 16 × 16 pixels: start-up and nothing else", repeated(
-                RUNS, *STROKEPLAN, "plan", photo, "-o", str(folder / "tiny.json"), "-q")),
+                RUNS, *STROKEPLAN, "plan", photo, "-p", "paper", "-o", str(folder / "tiny.json"), "-q")),
         )
     ]  # fmt: skip
     return "## Start-up\n\n" + table(("whole process", "wall", "CPU"), rows)
@@ -108,7 +109,7 @@ def sizes(folder: Path) -> str:
     for width, height in ((1225, 816), (2450, 1633), (4899, 3266), (6000, 4000)):
         photo = str(tiled_photo(folder / f"{width}.jpg", width, height))
         plan = str(folder / "plan.json")
-        cost = median([run(*STROKEPLAN, "plan", photo, "-o", plan, "-q") for _ in range(3)])
+        cost = median([run(*STROKEPLAN, "plan", photo, "-p", "paper", "-o", plan, "-q") for _ in range(3)])
         megapixels = width * height / 1e6
         grown = f"{(cost.peak_mb - before[1]) * 2**20 / (width * height - before[0]):.0f}" if before else ""
         before = (width * height, cost.peak_mb)
@@ -123,8 +124,33 @@ def sizes(folder: Path) -> str:
     )
 
 
+def resolutions(folder: Path) -> str:
+    rows: list[tuple[str, ...]] = []
+    for width, height in ((640, 426), (1024, 1024), (2000, 1300), (4000, 2500), (11600, 8640)):
+        photo, plan = str(enlarged_photo(folder / f"{width}.jpg", width, height)), str(folder / "plan.svg")
+        cost = median([run(*STROKEPLAN, "plan", photo, "-o", plan, "-q") for _ in range(3)])
+        strokes = Path(plan).read_bytes().count(b"<path ")
+        megapixels = width * height / 1e6
+        rows.append((
+            f"{megapixels:.1f}", f"{strokes:,}", f"{cost.wall_s:.2f} s", f"{cost.cpu_s:.2f} s",
+            f"{cost.wall_s / megapixels:.2f} s", f"{cost.cpu_s / megapixels:.2f} s", f"{cost.peak_mb:.0f} MB",
+        ))  # fmt: skip
+    header = ("megapixels", "strokes", "wall", "CPU", "wall per megapixel", "CPU per megapixel", "peak memory")
+    return (
+        "## The default preset plans photos of any size alike\n\nPreset fine, samples/astronaut.jpg enlarged, to SVG "
+        "(median of 3).\n\n" + table(header, rows)
+    )
+
+
+def enlarged_photo(path: Path, width: int, height: int) -> Path:
+    """A sample at another size."""
+    with Image.open(SAMPLES / "astronaut.jpg") as sample:
+        sample.resize((width, height), Image.Resampling.BICUBIC).save(path, quality=90)
+    return path
+
+
 def files(folder: Path) -> str:
-    plan = strokeplan.plan(tiled_photo(folder / "photo.jpg", 2000, 1300))
+    plan = strokeplan.plan(tiled_photo(folder / "photo.jpg", 2000, 1300), "paper")
     chosen = np.arange(100_000) % len(plan)
     big = StrokePlan(
         width=plan.width, height=plan.height,
