@@ -75,12 +75,12 @@ def main(folders: list[Path]) -> str:
     head = "| | PSNR | SSIM | RGB distance | strokes | cubics | SVG | planning, CPU |\n|" + " --- |" * 8
     parts = [
         "# Fidelity of the presets\n",
-        "Made by `python benchmarks/fidelity.py FOLDER… --write`: every photo planned with seed 0, its SVG painted at",
-        "its own size by librsvg and compared with the photo. PSNR and SSIM (over the channels) are scikit-image's, RGB",
-        "distance is the mean Euclidean distance in 8-bit RGB. The published row is the paper author's own pictures,",
-        "measured in the same way (19 portraits; here all 20). `paper-published` and the numbers in `fine` were set",
-        "with these very sets in sight (docs/decisions.md): expect a little less on others. `paper` follows the text",
-        "alone.\n",
+        "Made by `python benchmarks/fidelity.py FOLDER… --write`: every photo planned with seed 0, its SVG painted",
+        "at its own size by librsvg and compared with the photo. PSNR and SSIM (over the channels) are scikit-",
+        "image's, RGB distance is the mean Euclidean distance in 8-bit RGB. The published row is the paper",
+        "author's own pictures, measured in the same way (19 portraits; here all 20). `paper-published` and the",
+        "numbers in `fine` were set with these very sets in sight (docs/decisions.md): expect a little less on",
+        "others. `paper` follows the text alone.\n",
     ]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=warm_up) as pool:
         for folder in folders:
