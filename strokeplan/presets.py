@@ -271,7 +271,9 @@ def _readable(message: str, raw: Any) -> str:
     if "unknown field" in text:
         text += f"; known are {', '.join(known)}"
     elif text.startswith("Invalid enum"):
-        text = f"Expected one of {', '.join(get_args(known[steps[-1]]))}"
+        field = next(step for step in reversed(steps) if not step.isdecimal())
+        kinds = get_args(known[field])
+        text = f"Expected one of {', '.join(get_args(kinds[0]) or kinds)}"  # of a tuple: what its items may be
     if not isinstance(value, dict | list | tuple):
         place += f" = {reprlib.repr(value)}"
     return f"{place}: {text}" if place else text

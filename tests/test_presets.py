@@ -398,3 +398,9 @@ def test_only_the_area_of_the_photo_counts(preset: Preset, width: int, height: i
 @given(presets)
 def test_a_preset_survives_being_written_and_read(preset: Preset) -> None:
     assert msgspec.json.decode(msgspec.json.encode(preset), type=Preset) == preset
+
+
+def test_a_name_in_a_list_that_is_not_known_is_refused_with_those_that_are() -> None:
+    refused(
+        lambda: load_preset("fine").override({"importance": ["noses"]}), "importance.1 = 'noses'", "faces, saliency"
+    )
