@@ -87,7 +87,7 @@ def test_detail_half_is_the_preset_as_it_stands() -> None:
         assert for_detail(preset, 0.5) == preset
         assert for_detail(preset, None) is preset
         assert for_strokes(preset, None) is preset
-    assert for_detail(load_preset("fine"), 1).gain == pytest.approx(18 / 16)
+    assert for_detail(load_preset("fine"), 1).gain == pytest.approx(14 / 16)
     assert for_detail(load_preset("paper"), 0).layers[0].color_threshold == pytest.approx(400)
 
 

@@ -351,7 +351,7 @@ def test_evaluate_takes_all_presets_by_default(cli: Cli, photos: Path) -> None:
         (("--set", "empty"), ("empty: no pictures there",)),
         (("--set", "photo.png"), ("--set photo.png: is no folder",)),
         (("--set", "nowhere"), ("--set nowhere: is no folder",)),
-        (("--set", "empty", "--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
+        (("--set", "empty", "--preset", "papre"), ("'papre'", ", ".join(names()))),
     ],
     ids=lambda value: " ".join(value),
 )
@@ -597,7 +597,7 @@ def test_what_stood_there_survives_a_full_disk(refused: Refused, folder: Path, m
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--preset", "papre"), ("'papre'", "fine, paper, paper-published")),
+        (("--preset", "papre"), ("'papre'", ", ".join(names()))),
         (("--preset", "missing.toml"), ("missing.toml", "No such file")),
         (("--preset", "broken.toml"), ("broken.toml", "is not TOML")),
         (("--preset", "misspelt.toml"), ("misspelt.toml", "layers.1", "widht", "width")),
@@ -656,7 +656,7 @@ def test_a_bad_size_is_refused(refused: Refused, options: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("presets", "show", "papre"), ("'papre'", "fine, paper, paper-published")),
+        (("presets", "show", "papre"), ("'papre'", ", ".join(names()))),
         (("presets", "check", "missing.toml"), ("missing.toml", "No such file")),
         (("presets", "check", "photo.png"), ("photo.png",)),
         (("inspect", "photo.png", "-o", "figures", "--layer", "9"), ("layer 9", "1 to 5")),

@@ -383,9 +383,9 @@ def noise(height: int, width: int) -> Picture:
 @pytest.mark.parametrize(
     ("picture", "mean", "worst"),
     [
-        (np.full((60, 80, 3), 77, np.uint8), 0.05, 20), (blobs(90, 130), 0.05, 10), (dots(), 0.15, 60),
-        (noise(60, 80), 0.1, 15), (blobs(600, 700), 0.001, 3),
-        (noise(8, 8), 12, 30), (noise(2, 2), 45, 50), (noise(3, 200), 6, 20),
+        (np.full((60, 80, 3), 77, np.uint8), 0, 0), (blobs(90, 130), 0.001, 3), (dots(), 0.006, 10),
+        (noise(60, 80), 0.002, 3), (blobs(600, 700), 0.0001, 3),
+        (noise(8, 8), 16, 40), (noise(2, 2), 40, 45), (noise(3, 200), 1, 15),
     ],
     ids=["flat", "blobs", "dots", "noise", "large", "8 × 8", "2 × 2", "200 × 3"],
 )  # fmt: skip
@@ -408,9 +408,9 @@ def test_widths_fall_from_layer_to_layer() -> None:
 
 
 def test_a_photo_of_any_size_becomes_the_same_strokes() -> None:
-    """At 1, 2 and 4 times its size within 3 %, and alike to 33 dB (measured: 1 % and 35.9 dB).
+    """At 1, 2 and 4 times its size within 3 %, and alike to 33 dB (measured: 1 % and 35.6 dB).
 
-    At half its size it has lost what the finest strokes show: 17 % fewer, alike to 32.2 dB.
+    At half its size it has lost what the finest strokes show: 22 % fewer, alike to 31.5 dB.
     """
     with Image.open(SAMPLES / "coffee.jpg") as image:
         photo = image.convert("RGB")
@@ -419,7 +419,7 @@ def test_a_photo_of_any_size_becomes_the_same_strokes() -> None:
         size = (round(photo.width * factor), round(photo.height * factor))
         plans[factor] = strokeplan.plan(np.asarray(photo.resize(size, Image.Resampling.LANCZOS)))
         pictures[factor] = strokeplan.render(plans[factor], width=photo.width).astype(float)
-    for factor, share, least in ((0.5, 0.2, 31), (2, 0.03, 33), (4, 0.03, 33)):
+    for factor, share, least in ((0.5, 0.25, 31), (2, 0.03, 33), (4, 0.03, 33)):
         assert len(plans[factor]) == pytest.approx(len(plans[1]), rel=share)
         error = ((pictures[factor] - pictures[1]) ** 2).mean()
         assert 10 * np.log10(255**2 / error) > least
@@ -480,7 +480,7 @@ def test_a_plan_of_the_default_can_be_made_again_from_its_settings() -> None:
 
 @pytest.mark.parametrize(
     ("name", "strokes", "cubics", "error"),
-    [("astronaut", 11586, 30402, 6.90), ("chelsea", 10362, 35218, 5.75), ("coffee", 11096, 31716, 7.65)],
+    [("astronaut", 10632, 29491, 6.37), ("chelsea", 8907, 32740, 5.59), ("coffee", 10171, 30358, 7.18)],
 )
 def test_pinned_figures_of_the_samples_by_default(name: str, strokes: int, cubics: int, error: float) -> None:
     plan, report = painted(SAMPLES / f"{name}.jpg", "fine")  # type: ignore[arg-type]

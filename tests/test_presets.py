@@ -24,7 +24,7 @@ from strokeplan.presets import LEAST_LENGTHS, LayerPreset, Preset, load_preset, 
 
 # Lengths by the words of the documentation, not by the lists that the code keeps.
 LENGTHS = {"derivative_sigma", "integration_sigma", "max_integration_sigma", "step_tolerance", "max_step"}
-PURE_NUMBERS = {"gain", "separation", "importance_strength", "thin", "pressure"}
+PURE_NUMBERS = {"gain", "separation", "importance_strength", "thin", "merge", "pressure"}
 LAYER_LENGTHS = {"sigma", "length", "width", "min_length", "simplify_tolerance", "fit_tolerance"}
 
 ONE_LAYER = "[[layers]]\nsigma = 1\nlength = 10\nwidth = 5\ncolor_threshold = 50\n"

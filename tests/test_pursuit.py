@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import coo_array, diags_array
+from scipy.sparse.linalg import lsqr
 from scipy.spatial import cKDTree
 
 from strokeplan.canvas import pack, paint_chain, unpack
@@ -41,11 +43,11 @@ def rules(width: float, seeding: int = WORST_FIRST, **changes: object) -> Rules:
     """Those of a layer that keeps strokes by gain and tries every cell."""
     usual: dict[str, object] = {
         "seeding": seeding, "cell": width, "by_gain": True, "gain": SOME, "trigger": 0.0, "cover": False,
-        "separation": 2.0 * width, "vary_width": False,
+        "spare": 1.0, "separation": 2.0 * width, "vary_width": False,
     }  # fmt: skip
     given = usual | changes
     # Floats all: a kernel is compiled for each combination of types.
-    given |= {name: float(given[name]) for name in ("cell", "gain", "trigger", "separation")}  # type: ignore[arg-type]
+    given |= {name: float(given[name]) for name in ("cell", "gain", "trigger", "spare", "separation")}  # type: ignore[arg-type]
     return Rules(**given)  # type: ignore[arg-type]
 
 
@@ -114,13 +116,15 @@ def mean_colour(picture: Picture, weight: NDArray[np.float32], where: NDArray[np
 
 @pytest.fixture(scope="module")
 def worked() -> Work:
-    """Three layers, the first of which covers, pruned as the planner does."""
+    """Three layers, the first of which covers, pruned as the planner does but not finished: colours are means."""
     work = Work(blobs(90, 120), 24, 9, 4)
     work.paint(1, rules(24, cover=True, cell=24.0, trigger=2.0**20))
     work.paint(2, rules(9))
     work.paint(3, rules(4))
-    work.pursuit.prune(SOME / 2, keep_covered=True)
-    work.pursuit.prune(-np.inf, keep_covered=True)
+    before = len(work.pursuit.layers[0].counts), work.pursuit.strokes
+    work.pursuit.prune(SOME / 2, spare_first=True)
+    assert len(work.pursuit.layers[0].counts) == before[0]
+    assert work.pursuit.strokes < before[1]
     return work
 
 
@@ -209,26 +213,138 @@ def test_a_cover_leaves_nothing_bare_whatever_it_gains() -> None:
         assert (work.pursuit.ids >= 0).all()
 
 
-def test_strokes_that_nobody_sees_go_and_change_nothing(worked: Work) -> None:
-    work = Work(blobs(60, 80), 6)
-    work.paint(1, rules(6, gain=10.0))
-    before, canvas = work.pursuit.strokes, work.pursuit.canvas()
-    hidden = before - len(np.unique(repaint(work.pursuit)[repaint(work.pursuit) >= 0]))
-    assert hidden > 0
-    work.pursuit.prune(-np.inf)
-    assert work.pursuit.strokes == before - hidden
-    assert np.array_equal(work.pursuit.canvas(), canvas)
-    # In a plan that covers, those that stay unseen are needed for that.
-    shown = np.unique(repaint(worked.pursuit, cover_first=True))
-    prints = [
-        footprint(worked.picture.shape, chain, max(width - 1, 0.5 * width))
-        for layer in worked.pursuit.layers
-        for chain, width in zip(chains(layer), layer.widths, strict=True)
-    ]
-    solid = np.any([prints[stroke] for stroke in shown.tolist()], axis=0)
-    for stroke in sorted(set(range(worked.pursuit.strokes)) - set(shown.tolist())):
-        assert (prints[stroke] & ~solid).any()
-        solid |= prints[stroke]
+def seen_closely(pursuit: Pursuit) -> NDArray[np.int64]:
+    """Which stroke shows in each quarter of a pixel, (2h, 2w), or −1: the curves painted at twice the size."""
+    height, width = pursuit.photo.shape
+    canvas = np.zeros((2 * height, 2 * width), np.uint32)
+    stroke = 0
+    for layer in pursuit.layers:
+        for chain, thick in zip(chains(layer), layer.widths, strict=True):
+            stroke += 1
+            paint_chain(canvas, 2 * chain, 0, (len(chain) - 1) // 3, 2 * thick, True, np.uint32(stroke))
+    return canvas.astype(np.int64) - 1
+
+
+def antialiased(shown: NDArray[np.int64], colours: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means of 2 × 2 quarters; −1 is the white canvas."""
+    quarters = np.vstack([colours, 3 * [255.0]])[shown]
+    return quarters.reshape(len(shown) // 2, 2, -1, 2, 3).mean(axis=(1, 3))
+
+
+def own_colours(pursuit: Pursuit) -> NDArray[np.float64]:
+    return unpack(pursuit.colours[None])[0].astype(float)
+
+
+def weighted_error(work: Work, picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    return work.weight * ((picture - work.picture) ** 2).sum(axis=-1)
+
+
+def best_colours(work: Work, shown: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The colours of least error, by a sparse solver, channel by channel; (n, 3) in 0..255."""
+    shares = shown.reshape(work.picture.shape[0], 2, -1, 2).transpose(0, 2, 1, 3).reshape(-1, 4)
+    n, pixels = work.pursuit.strokes, len(shares)
+    rows = np.repeat(np.arange(pixels), 4)
+    parts = coo_array((np.full(4 * pixels, 0.25), (rows, shares.ravel() % (n + 1))), (pixels, n + 1)).tocsc()
+    root = np.sqrt(work.weight.ravel().astype(float))
+    unknown = diags_array(root) @ parts[:, :n]
+    wanted = root[:, None] * (work.picture.reshape(-1, 3) - 255.0 * parts[:, [n]].toarray())
+    return np.clip(np.stack([lsqr(unknown, wanted[:, c], atol=1e-9, btol=1e-9)[0] for c in range(3)], axis=1), 0, 255)
+
+
+def unfinished(weighted: bool = False) -> Work:
+    """Two layers that leave some canvas bare and hide some strokes."""
+    picture = blobs(60, 80)
+    picture[:24, :24] = 255
+    weight = np.exp2(np.mgrid[:60, :80][1] / 40 - 1).astype(np.float32) if weighted else None
+    work = Work(picture, 12, 5, weight=weight)
+    work.paint(1, rules(12))
+    work.paint(2, rules(5, gain=100.0))
+    return work
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_close_look_is_the_error_of_the_antialiased_picture(weighted: bool) -> None:
+    work = unfinished(weighted)
+    plain = work.pursuit.total_error()
+    shown = seen_closely(work.pursuit)
+    assert (shown < 0).any()
+    picture = np.floor(antialiased(shown, own_colours(work.pursuit)) + 0.5)
+    work.pursuit.look_closely(Workers())
+    assert work.pursuit.error == pytest.approx(weighted_error(work, picture))
+    assert work.pursuit.total_error() != pytest.approx(plain, rel=1e-3)
+    closely = work.pursuit.error.copy()
+    work.pursuit.look_closely(Workers())
+    assert np.array_equal(work.pursuit.error, closely)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_finished_colours_are_nearly_the_best_there_are(weighted: bool) -> None:
+    """Nearer to the optimum of an independent solver than means are, by far (measured: 3 and 4 % of their distance)."""
+    work = unfinished(weighted)
+    shown = seen_closely(work.pursuit)
+    best = weighted_error(work, antialiased(shown, best_colours(work, shown))).sum()
+    means = weighted_error(work, antialiased(shown, own_colours(work.pursuit))).sum()
+    work.pursuit.finish(Workers())
+    finished = antialiased(seen_closely(work.pursuit), own_colours(work.pursuit))
+    solved = weighted_error(work, finished).sum()
+    assert best <= solved < means
+    assert solved - best < 0.08 * (means - best)
+
+
+def test_a_finished_picture_is_the_strokes_antialiased() -> None:
+    """The picture returned is made of the strokes that are left, in the colours they are left with."""
+    for work in (unfinished(), Work(blobs(2, 40), 5), Work(np.full((20, 30, 3), 255, np.uint8), 5)):
+        if not work.pursuit.layers:
+            work.paint(1, rules(5))
+        picture = work.pursuit.finish(Workers())
+        expected = np.floor(antialiased(seen_closely(work.pursuit), own_colours(work.pursuit)) + 0.5)
+        assert np.array_equal(unpack(picture), expected)
+
+
+def test_strokes_that_nobody_sees_go() -> None:
+    work = unfinished()
+    before, shown = work.pursuit.strokes, seen_closely(work.pursuit)
+    seen = np.unique(shown[shown >= 0])
+    assert len(seen) < before
+    points = np.concatenate([chain for layer in work.pursuit.layers for chain in chains(layer)])
+    counts = np.concatenate([layer.counts for layer in work.pursuit.layers])
+    work.pursuit.finish(Workers())
+    kept = np.isin(np.arange(before), seen)
+    assert np.array_equal(np.concatenate([layer.counts for layer in work.pursuit.layers]), counts[kept])
+    kept_points = np.concatenate([layer.points for layer in work.pursuit.layers])
+    assert np.array_equal(kept_points, points[np.repeat(kept, counts)])
+    # What is left shows the same, and all of it is seen: a second time nothing goes.
+    assert np.array_equal(np.searchsorted(seen, shown[shown >= 0]), seen_closely(work.pursuit)[shown >= 0])
+    work.pursuit.finish(Workers())
+    assert work.pursuit.strokes == len(seen)
+
+
+def test_unseen_strokes_stay_where_they_alone_cover_the_canvas() -> None:
+    """With a pixel to spare what is left covers every pixel; of the unseen each that stays was needed for that."""
+    spared, bare = [], []
+    for spare in (1.0, None):
+        work = Work(blobs(90, 120), 24, 9, 4)
+        work.paint(1, rules(24, cover=True, cell=24.0, trigger=2.0**20))
+        work.paint(2, rules(9, gain=300.0))
+        work.paint(3, rules(4, gain=300.0))
+        work.pursuit.finish(Workers(), spare)
+        prints = [
+            footprint(work.picture.shape, chain, max(width - 1, 0.5 * width))
+            for layer in work.pursuit.layers
+            for chain, width in zip(chains(layer), layer.widths, strict=True)
+        ]
+        shown = set(seen_closely(work.pursuit).ravel().tolist())
+        solid = np.any([prints[stroke] for stroke in sorted(shown - {-1})], axis=0)
+        for stroke in sorted(set(range(work.pursuit.strokes)) - shown):
+            needed = prints[stroke] & ~solid
+            assert needed.any()
+            mean = work.picture[needed].mean(axis=0)
+            assert np.abs(own_colours(work.pursuit)[stroke] - mean).max() <= 0.5
+            solid |= prints[stroke]
+        spared.append(len(prints) - len(shown - {-1}))
+        bare.append(int((~solid).sum()))
+    assert spared[0] > spared[1] == 0
+    assert bare[0] == 0 < bare[1]
 
 
 def test_pruning_drops_what_is_missed_little() -> None:
@@ -236,10 +352,10 @@ def test_pruning_drops_what_is_missed_little() -> None:
     work.paint(1, rules(12))
     work.paint(2, rules(5, gain=300.0))
     before, error = work.pursuit.strokes, work.pursuit.total_error()
-    work.pursuit.prune(1500.0)
+    work.pursuit.prune(2500.0)
     dropped = before - work.pursuit.strokes
     assert dropped > 10
-    assert work.pursuit.total_error() < error + 1500.0 * dropped
+    assert work.pursuit.total_error() < error + 2500.0 * dropped
     assert np.array_equal(work.pursuit.ids, repaint(work.pursuit))
 
 
@@ -395,8 +511,9 @@ def test_only_the_colours_of_a_choice_are_used() -> None:
     choice = np.where(bright, 0xEEDDCC, 0x112233).astype(np.uint32)
     work = Work(blobs(60, 80), 6, choice=choice)
     work.paint(1, rules(6))
-    work.pursuit.prune(0)
-    assert set(work.pursuit.colours.tolist()) == {0xEEDDCC, 0x112233}
+    for step in (lambda: work.pursuit.prune(0), lambda: work.pursuit.finish(Workers())):
+        step()
+        assert set(work.pursuit.colours.tolist()) == {0xEEDDCC, 0x112233}
 
 
 def test_thinning_drops_strokes_that_hardly_show() -> None:
