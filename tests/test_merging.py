@@ -250,7 +250,7 @@ def test_a_pursuit_shows_its_merged_strokes(small_picture: NDArray[np.uint8]) ->
     preset = load_preset("fine").override({"lengths": "pixels", "layers.3.width": 6, "layers.3.length": 20})
     resolved, photo = preset.layers[2], pack(small_picture)
     pursuit = Pursuit.begin(photo, np.ones(photo.shape, np.float32), 0xFFFFFF)
-    rules = Rules(SEEDINGS["grid"], 6.0, True, 2e4, 10.0, False, 6.0, False)
+    rules = Rules(SEEDINGS["grid"], 6.0, True, 2e4, 10.0, False, 1.0, 6.0, False)
     fine = layer_brush(preset, resolved)
     field = layer_field(as_photo(small_picture), preset, 3)
     pursuit.paint_layer(field, fine, rules, wander_key((0, 3)), Workers(), lambda *_: None)
