@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from math import sqrt
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -131,7 +132,8 @@ def plan(
         raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
     photo = _photo(image)
     work = working_copy(photo, style)
-    job = _Job(work, photo, _working_preset(style, work), seed, _mask(mask, photo), progress)
+    spare = max(work.width / photo.width, 1.0)
+    job = _Job(work, _working_preset(style, work, spare), spare, seed, _mask(mask, photo), progress)
     with _workers(threads) as workers:
         layers, canvas = _paint_by_threshold(job, workers) if job.as_in_the_paper else _pursue(job, strokes, workers)
         if report is not None:
@@ -151,6 +153,8 @@ def plan(
     }
     if strokes is not None:
         settings["strokes"] = strokes
+    if mask is not None:
+        settings["mask"] = Path(mask).name if isinstance(mask, str | os.PathLike) else "an array"
     return _on_canvas(painted, photo, settings)
 
 
@@ -169,13 +173,17 @@ def working_copy(photo: Photo, style: Preset) -> Photo:
     return replace(photo, rgb=np.asarray(shown))
 
 
-def _working_preset(style: Preset, work: Photo) -> Preset:
+def _working_preset(style: Preset, work: Photo, spare: float) -> Preset:
     """A preset in pixels of its working copy. Of relative widths none is below a pixel, as they would be on the
-    smallest photos: such strokes pass between the centres of pixels and cover nothing."""
+    smallest photos: such strokes pass between the centres of pixels and cover nothing. Where the first layer is to
+    cover the canvas, it has twice what it must spare."""
     preset = style.for_photo(work.width, work.height)
     if style.lengths == "pixels":
         return preset
-    layers = tuple(msgspec.structs.replace(layer, width=max(layer.width, NARROWEST_PX)) for layer in preset.layers)
+    layers = tuple(
+        msgspec.structs.replace(layer, width=max(layer.width, 2 * spare if k == 0 and preset.cover else NARROWEST_PX))
+        for k, layer in enumerate(preset.layers)
+    )
     return msgspec.structs.replace(preset, layers=layers)
 
 
@@ -185,14 +193,14 @@ class _Job:
     def __init__(
         self,
         photo: Photo,
-        original: Photo,
         preset: Preset,
+        spare: float,
         seed: int,
         mask: NDArray[np.float32] | None,
         progress: Callable[[Progress], None] | None,
     ) -> None:
         self.photo, self.preset, self.seed, self.mask, self.progress = photo, preset, seed, mask, progress
-        self.spare = max(photo.width / original.width, 1.0)
+        self.spare = spare
         """A pixel of the photo at the working resolution, or one of that."""
         self.pixels = pack(photo.rgb)
         self.background = int(preset.background.removeprefix("#"), 16)
