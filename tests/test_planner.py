@@ -385,7 +385,7 @@ def noise(height: int, width: int) -> Picture:
     [
         (np.full((60, 80, 3), 77, np.uint8), 0, 0), (blobs(90, 130), 0.001, 3), (dots(), 0.006, 10),
         (noise(60, 80), 0.002, 3), (blobs(600, 700), 0.0001, 3),
-        (noise(8, 8), 16, 40), (noise(2, 2), 40, 45), (noise(3, 200), 1, 15),
+        (noise(8, 8), 0.1, 3), (noise(2, 2), 40, 45), (noise(3, 200), 0.1, 3),
     ],
     ids=["flat", "blobs", "dots", "noise", "large", "8 × 8", "2 × 2", "200 × 3"],
 )  # fmt: skip
