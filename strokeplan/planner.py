@@ -274,6 +274,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     if job.mask is not None or preset.importance:
         importance = importance_map(photo.rgb, mask=job.mask, use=preset.importance)
         weight = np.exp2(2 * preset.importance_strength * (2 * importance - 1)).astype(np.float32)
+    uneven = float(weight.min()) < float(weight.max())
     regions = segments(photo.rgb, preset.regions) if preset.regions else None
     choice = None if job.palette is None else pack(color_table(job.palette)[None])[0]
     fields: list[OrientationField] = []
@@ -291,12 +292,10 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
                 picture.prune(PRUNE * least, spare_first=preset.cover)
                 picture.look_closely(workers)
             tell = job.teller(number, picture.strokes, picture.mean_distance)
-            rules = _rules(job, layer, number, least, float(weight.min()) < float(weight.max()))
-            picture.paint_layer(
-                fields[number - 1], layer_brush(preset, layer), rules, wander_key((job.seed, number)), workers, tell
-            )
+            brush, rules = layer_brush(preset, layer), _rules(job, layer, number, least, uneven)
+            picture.paint_layer(fields[number - 1], brush, rules, wander_key((job.seed, number)), workers, tell)
             if preset.merge > 0 and not rules.cover:  # merged strokes might let the canvas through
-                picture.merge(layer_brush(preset, layer), preset.merge)
+                picture.merge(brush, preset.merge)
             if preset.thin > 0:
                 picture.thin(preset.thin)
             job.waited("strokes", began)

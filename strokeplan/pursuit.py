@@ -35,7 +35,7 @@ from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
-from strokeplan.tractography import splitmix64, trace, tract_capacity
+from strokeplan.tractography import splitmix64, trace, tract_capacity, uniform
 
 SECTIONS = 12
 """Stretches of a tract begin and end at this many of its points at most; all pairs are compared."""
@@ -296,10 +296,10 @@ class Pursuit:
         reach += max(widest, rules.separation) + 2
         count = max(int(max(height, width) // (2 * reach)), 1)
         edges = [round(max(height, width) * k / count) for k in range(count + 1)]
-        windows = [
+        windows: list[tuple[int, int, int, int]] = [
             (0, height, low, high) if width >= height else (low, high, 0, width) for low, high in pairwise(edges)
         ]
-        tries = [TRIES * len(_cells(window, rules.cell)) for window in windows]
+        tries = [TRIES * _cells(*window, rules.cell) for window in windows]
         first_id = self.strokes + sum(tries)  # above what any stroke of the layer will be numbered
         for (top, bottom, left, right), most in zip(windows, tries, strict=True):
             yield Strip(top, bottom, left, right, first_id, self.marks)
@@ -310,9 +310,7 @@ class Pursuit:
         """Every stroke takes the mean colour of what it shows; the error follows."""
         sums = np.zeros((self.strokes, 4))
         _add_all(self.photo, self.weight, self.ids, sums)
-        colours = _means(sums, self.colours, self.choice)
-        for layer, own in zip(self.layers, self._by_layer(colours), strict=True):
-            layer.colours = own
+        self._recolour(_means(sums, self.colours, self.choice))
         self._measure()
 
     def prune(self, least: float, *, spare_first: bool = False) -> None:
@@ -350,9 +348,7 @@ class Pursuit:
         if spare is not None:
             self.marks += n
             _keep_covered(self.photo, self.stamp, *self._outlines(), self.round_cap, spare, drop, self.marks, colours)
-        packed = _packed(colours[:n], self.choice)
-        for layer, own in zip(self.layers, self._by_layer(packed), strict=True):
-            layer.colours = own
+        self._recolour(_packed(colours[:n], self.choice))
         shown = self._with_background()
         picture = np.concatenate([_reduced(numbers, shown) for _, numbers in closely])
         self._leave_out(drop)
@@ -423,6 +419,10 @@ class Pursuit:
                 column[~dropped] for column in (layer.counts, layer.widths, layer.colours)
             )
 
+    def _recolour(self, colours: NDArray[np.uint32]) -> None:
+        for layer, own in zip(self.layers, self._by_layer(colours), strict=True):
+            layer.colours = own
+
     def _by_layer(self, column: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(column, np.cumsum([len(layer.counts) for layer in self.layers])[:-1])
 
@@ -430,10 +430,9 @@ class Pursuit:
         _measure_error(self.photo, self.weight, self.ids, self.colours, np.uint32(self.background), self.error)
 
 
-def _cells(window: tuple[int, int, int, int], side: float) -> range:
-    """The cells of a window (top, bottom, left, right)."""
-    top, bottom, left, right = window
-    return range(ceil((bottom - top) / side) * ceil((right - left) / side))
+def _cells(top: int, bottom: int, left: int, right: int, side: float) -> int:
+    """How many cells a window has."""
+    return ceil((bottom - top) / side) * ceil((right - left) / side)
 
 
 def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid:
@@ -445,7 +444,7 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid
         np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2)), np.zeros((capacity + 1, 6)),
         np.empty((room, 2), np.int32), scratch(capacity),
     )  # fmt: skip
-    cells = len(_cells((strip.top, strip.bottom, strip.left, strip.right), rules.cell))
+    cells = _cells(strip.top, strip.bottom, strip.left, strip.right, rules.cell)
     ranks, mass, tree = np.empty(cells), np.zeros(cells), np.zeros(cells + 1)
     _sow(scene, rules, strip, ranks, mass, tree)
     state = np.zeros(8, np.int64)
@@ -480,7 +479,7 @@ def _sow(
         if rules.seeding == WORST_FIRST:
             ranks[cell] = -_survey(scene, rules, strip, cell)[0]
         else:
-            ranks[cell] = _random(scene.key, cell)
+            ranks[cell] = uniform(scene.key, np.uint64(cell))
         if rules.seeding == BY_ERROR:
             _change(tree, mass, cell, _mass(scene, rules, strip, cell))
 
@@ -560,12 +559,12 @@ def _draw_seed(scene: Scene, rules: Rules, strip: Strip, seeds: _Seeds, tally: _
         if total <= rules.trigger * area:
             break
         key = splitmix64(scene.key, np.uint64(cells + state[_CELL]))
-        cell = _find(seeds.tree, _random(key, 0) * total)
+        cell = _find(seeds.tree, uniform(key, np.uint64(0)) * total)
         before, now = seeds.mass[cell], _mass(scene, rules, strip, cell)
         _change(seeds.tree, seeds.mass, cell, now)
-        if now > 0.0 and _random(key, 1) * before <= now:
+        if now > 0.0 and uniform(key, np.uint64(1)) * before <= now:
             state[_DRAWN], state[_LAID] = cell, tally.strokes[0]
-            return _draw_pixel(scene, rules, strip, cell, _random(key, 2) * now)
+            return _draw_pixel(scene, rules, strip, cell, uniform(key, np.uint64(2)) * now)
     return -1, -1
 
 
@@ -626,7 +625,7 @@ def _try(
     width = brush.width
     if rules.vary_width:
         width *= min(max(1.0 / np.sqrt(scene.weight[i, j]), NARROWEST), WIDEST)
-    thick = max(width - rules.spare, 0.5 * width) if rules.cover else width
+    thick = _thinner(width, rules.spare) if rules.cover else width
     if dab:
         tract[0, 0], tract[0, 1] = j + 0.5 - 0.1 * width, i + 0.5
         tract[1, 0], tract[1, 1] = j + 0.5 + 0.1 * width, i + 0.5
@@ -671,6 +670,12 @@ def _try(
     kept.counts[n], kept.widths[n], kept.colours[n] = 3 * pieces + 1, width, colour
     tally.strokes[0] += 1
     tally.points[0] += 3 * pieces + 1
+
+
+@leaf
+def _thinner(width: float, spare: float) -> float:
+    """The width at which a stroke counts as covering, see Rules.spare."""
+    return max(width - spare, 0.5 * width)
 
 
 @leaf
@@ -727,12 +732,6 @@ def _draw_pixel(scene: Scene, rules: Rules, strip: Strip, cell: int, share: floa
             if share < 0.0:
                 return i, j
     return bottom - 1, right - 1
-
-
-@leaf
-def _random(key: np.uint64, counter: int) -> float:
-    """A number in [0, 1) for each key and counter."""
-    return float(splitmix64(key, np.uint64(counter)) >> np.uint64(11)) * 2.0**-53
 
 
 @leaf
@@ -1193,7 +1192,7 @@ def _keep_covered(
     first = 0
     for stroke in range(len(counts)):
         if not drop[stroke]:
-            thin = max(widths[stroke] - spare, 0.5 * widths[stroke])
+            thin = _thinner(widths[stroke], spare)
             paint_chain(solid, points, first, counts[stroke] // 3, thin, round_cap, np.uint32(1))
         first += counts[stroke]
     pixels = np.empty((stamp.size, 2), np.int32)
@@ -1201,7 +1200,7 @@ def _keep_covered(
     for stroke in range(len(counts)):
         if drop[stroke]:
             mark -= 1
-            thin = max(widths[stroke] - spare, 0.5 * widths[stroke])
+            thin = _thinner(widths[stroke], spare)
             n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, round_cap, pixels)
             red = green = blue = needed = 0.0
             for k in range(n):

@@ -286,9 +286,15 @@ def _process(key: np.uint64, s: float) -> float:
 def _normal(key: np.uint64, n: int) -> float:
     """Number n (of any sign) of a key's standard normal numbers: Box and Muller's method on two uniform ones."""
     first = np.uint64(2 * n)
-    one = (np.float64(splitmix64(key, first) >> np.uint64(11)) + 1.0) * 2.0**-53  # in (0, 1]: it has a logarithm
-    two = np.float64(splitmix64(key, first + np.uint64(1)) >> np.uint64(11)) * 2.0**-53
+    one = uniform(key, first) + 2.0**-53  # in (0, 1]: it has a logarithm
+    two = uniform(key, first + np.uint64(1))
     return float(np.sqrt(-2.0 * np.log(one)) * np.cos(2.0 * np.pi * two))
+
+
+@leaf
+def uniform(key: np.uint64, n: np.uint64) -> float:
+    """Number n of a key's random numbers, in [0, 1)."""
+    return float(splitmix64(key, n) >> np.uint64(11)) * 2.0**-53
 
 
 @leaf
