@@ -11,14 +11,16 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
 from PIL import Image
-from results import ROOT, SAMPLES, Job, Result, mean_interval, measured, run, save_chart, table
+from results import ROOT, SAMPLES, Result, mean_interval, measured, run, save_chart, table
 
 import strokeplan
 from strokeplan.evaluate import COLUMNS, cells, evaluate
@@ -27,38 +29,80 @@ from strokeplan.image import photo_files
 from strokeplan.planner import warm_up
 from strokeplan.presets import Preset, load_preset, names
 
-BASE = "fine"
-"""The preset that is varied."""
-ABLATION: dict[str, dict[str, dict[str, Any]]] = {
-    "The method": {
-        "gradient, not tensor": {"orientation": "gradient"},
-        "followed one way": {"directions": "forward"},
-        "eigenvectors not aligned": {"interpolation": "signed"},
-        "steps unbounded": {"max_step": 500, "step_tolerance": 0.5},
-        "fit as published": {"fit": "published"},
-        "a colour a cubic": {"color": "handle"},
-        "colour test as published": {"color_test": "unscaled"},
-        "grid as published": {"grid": "nodes"},
-        "4 vertices at least": {"min_vertices": 4},
-        "grey as the mean": {"grey": "mean"},
-        "butt caps": {"cap": "butt"},
-    },
+Change = dict[str, Any]
+"""Values of a preset replaced: "×2" multiplies, layers.* are all layers, `layers = "1-4"` keeps only those, and
+planner.PRUNE is a constant of that module."""
+SCALES: dict[str, dict[str, Change]] = {
     "Scale σ": {f"σ {factor}": {"layers.*.sigma": factor} for factor in ("×0.25", "×0.5", "×2", "×4")},
     "Derivative σ_d": {f"σ_d = {value}": {"derivative_sigma": value} for value in (0.5, 2)},
     "Integration ρ, of which 0 is the gradient": {
-        f"ρ = {value}": {"integration_sigma": value} for value in (0.5, 2, 4, 8)
+        f"ρ = {value}": {"integration_sigma": value} for value in (0.5, 3, 6)
     },
-    "Coherence": {f"coherence {value}": {"coherence": value} for value in (0.1, 0.25, 0.5, 0.75, 0.9)},
+    "Coherence": {f"coherence {value}": {"coherence": value} for value in (0.1, 0.25, 0.75)},
     "Longest tract": {f"length {factor}": {"layers.*.length": factor} for factor in ("×0.1", "×0.25", "×0.5", "×2")},
     "Width": {f"width {factor}": {"layers.*.width": factor} for factor in ("×0.5", "×0.7", "×1.4", "×2")},
-    "Gain asked for": {f"gain {factor}": {"layers.*.gain": factor} for factor in ("×0.25", "×0.5", "×2")},
     "Tolerances": {
         "RDP ×4": {"layers.*.simplify_tolerance": "×4"},
         "fit ×4": {"layers.*.fit_tolerance": "×4"},
-        "both ×4": {"layers.*.simplify_tolerance": "×4", "layers.*.fit_tolerance": "×4"},
     },
 }
-"""Chapter → variant → values of BASE replaced; "×2" multiplies, and layers.* are all layers."""
+METHOD: dict[str, Change] = {
+    "gradient, not tensor": {"orientation": "gradient"},
+    "followed one way": {"directions": "forward"},
+    "eigenvectors not aligned": {"interpolation": "signed"},
+    "butt caps": {"cap": "butt"},
+}
+ABLATION: dict[str, dict[str, dict[str, Change]]] = {
+    "fine": {
+        "The planner": {
+            "kept by a threshold": {"keep": "threshold", "layers.*.color_threshold": 30},
+            "seeds on a grid": {"seeding": "grid"},
+            "seeds drawn by error": {"seeding": "error"},
+            "seeds evenly spaced": {"seeding": "even"},
+            "canvas not covered first": {"cover": False},
+            "finest layer once": {"layers": "1-4"},
+            "no widest layer": {"layers": "2-5"},
+            "no pruning": {"planner.PRUNE": 0.0},
+            "colours not solved": {"pursuit.SOLVES": 0},
+            "gain regardless of contrast": {"planner.UNSEEN": 0.0},
+        },
+        "The method": METHOD,
+        "The paper's future work, as options": {
+            "tensor of Lab": {"channels": "lab"},
+            "tensor of hue": {"channels": "hue"},
+            "adaptive ρ up to 4": {"max_integration_sigma": 4},
+            "wander 0.5": {"wander": 0.5},
+            "importance: faces": {"importance": ["faces"]},
+            "importance: saliency": {"importance": ["saliency"]},
+            "200 regions": {"regions": 200},
+            "thin 10": {"thin": 10},
+            "merge 20": {"merge": 20},
+            "pressure 0.5": {"pressure": 0.5},
+            "palette of 16": {"palette_size": 16},
+        },
+        "Gain asked for": {f"gain {factor}": {"gain": factor} for factor in ("×0.25", "×0.5", "×2", "×4")},
+        **SCALES,
+    },
+    "paper": {
+        "The method": METHOD
+        | {
+            "steps unbounded": {"max_step": 500, "step_tolerance": 0.5},
+            "fit as published": {"fit": "published"},
+            "a colour a cubic": {"color": "handle"},
+            "colour test as published": {"color_test": "unscaled"},
+            "grid as published": {"grid": "nodes"},
+            "4 vertices at least": {"min_vertices": 4},
+            "grey as the mean": {"grey": "mean"},
+        },
+        "Colour threshold": {f"threshold {factor}": {"layers.*.color_threshold": factor} for factor in ("×0.5", "×2")},
+        **SCALES,
+    },
+}
+"""Preset → chapter → variant → what is changed."""
+PARTS = ("planner", "pursuit")
+"""Modules of strokeplan with constants that are varied."""
+BASE = "fine"
+"""The preset whose directions are compared photo by photo."""
 DIRECTIONS: dict[str, dict[str, Any]] = {
     "tensor": {"orientation": "tensor"},
     "tensor, no coherence asked": {"orientation": "tensor", "coherence": 0},
@@ -87,16 +131,28 @@ VARIANT_HEADER = (
 )  # fmt: skip
 
 
-def variant(preset: str, overrides: dict[str, Any]) -> Preset:
-    """A preset with values replaced as ABLATION gives them."""
+def variant(preset: str, change: Change) -> dict[str, Any]:
+    """A preset with values replaced as ABLATION gives them, and the constants of modules that change with it."""
     base = load_preset(preset)
     raw = msgspec.json.decode(msgspec.json.encode(base))
-    replaced: dict[str, Any] = {}
-    for key, value in overrides.items():
+    replaced: Change = {}
+    parts: Change = {}
+    for key, value in change.items():
         head, star, tail = key.partition("*")
-        for full in (f"{head}{number}{tail}" for number in range(1, len(base.layers) + 1)) if star else (key,):
-            replaced[full] = _value_at(raw, full) * float(value[1:]) if str(value).startswith("×") else value
-    return base.override(replaced)
+        if key.split(".")[0] in PARTS:
+            parts[key] = value
+        elif key == "layers":
+            first, last = map(int, value.split("-"))
+            raw["layers"] = raw["layers"][first - 1 : last]
+        else:
+            for full in (f"{head}{number}{tail}" for number in range(1, len(base.layers) + 1)) if star else (key,):
+                factor = value[1:] if str(value).startswith("×") else None
+                replaced[full] = _value_at(raw, full) * float(factor) if factor else value
+    return {
+        "preset": msgspec.to_builtins(msgspec.convert(raw, Preset).override(replaced)),
+        "seed": SEED,
+        "parts": parts,
+    }
 
 
 def _value_at(raw: Any, key: str) -> float:
@@ -105,18 +161,23 @@ def _value_at(raw: Any, key: str) -> float:
     return float(raw)
 
 
-def job(path: Path, preset: Preset) -> Job:
-    return path, {"preset": msgspec.to_builtins(preset), "seed": SEED}
-
-
 def measure(path: Path, asked: dict[str, Any]) -> Result:
     """Figures of one photo in one style, and the CPU seconds of planning alone."""
     warm_up()  # loading the kernels is not planning
     photo = strokeplan.load_photo(path)
-    began = time.process_time()
-    plan = strokeplan.plan(photo, msgspec.convert(asked["preset"], Preset), asked["seed"], threads=1)
-    spent = time.process_time() - began
+    style = msgspec.convert(asked["preset"], Preset)
+    with ExitStack() as changed:
+        for part, value in asked["parts"].items():
+            changed.enter_context(patch(f"strokeplan.{part}", value))
+        began = time.process_time()
+        plan = strokeplan.plan(photo, style, asked["seed"], threads=1)
+        spent = time.process_time() - began
     return asdict(evaluate(plan, photo)) | {"cpu_s": spent}
+
+
+def variants(base: str) -> dict[str, dict[str, Any]]:
+    """All variants of a preset by name."""
+    return {name: variant(base, change) for chapter in ABLATION[base].values() for name, change in chapter.items()}
 
 
 def main() -> None:
@@ -124,13 +185,13 @@ def main() -> None:
     sets = {folder.resolve().name: photo_files([folder]) for folder in folders}
     everywhere = [path for paths in sets.values() for path in paths]
     few = everywhere[:: max(len(everywhere) // ABLATION_PHOTOS, 1)]
-    styles = {name: load_preset(name) for name in names()}
+    styles = {name: variant(name, {}) for name in names()}
     directions = {name: variant(BASE, change) for name, change in DIRECTIONS.items()}
-    variants = {name: variant(BASE, change) for chapter in ABLATION.values() for name, change in chapter.items()}
+    studies = {base: {"": variant(base, {})} | variants(base) for base in ABLATION}
 
     warm_up()
-    jobs = [job(path, style) for style in (*styles.values(), *directions.values()) for path in everywhere]
-    jobs += [job(path, style) for style in (load_preset(BASE), *variants.values()) for path in few]
+    jobs = [(path, style) for style in (*styles.values(), *directions.values()) for path in everywhere]
+    jobs += [(path, style) for study in studies.values() for style in study.values() for path in few]
     results = iter(measured(measure, jobs))
 
     def of(paths: Sequence[Path]) -> list[Result]:
@@ -138,14 +199,15 @@ def main() -> None:
 
     by_style = {name: dict(zip(everywhere, of(everywhere), strict=True)) for name in styles}
     by_direction = {name: dict(zip(everywhere, of(everywhere), strict=True)) for name in directions}
-    base, by_variant = of(few), {name: of(few) for name in variants}
+    by_study = {base: {name: of(few) for name in study} for base, study in studies.items()}
 
     parts = [INTRODUCTION]
     for name, paths in sets.items():
         parts.append(style_section(name, paths, by_style))
     parts.append(gradient_section(sets, by_direction))
-    parts.append(ablation_section(base, by_variant, len(few)))
-    parts.append(pictures_section(styles, list(directions.values())))
+    for base, by_variant in by_study.items():
+        parts.append(ablation_section(base, by_variant, len(few)))
+    parts.append(pictures_section(styles, directions))
     parts.append("## Photo by photo\n")
     for name, paths in sets.items():
         for style in styles:
@@ -214,16 +276,18 @@ def gradient_section(sets: dict[str, list[Path]], by_direction: dict[str, dict[P
     )
 
 
-def ablation_section(base: list[Result], by_variant: dict[str, list[Result]], photos: int) -> str:
-    chart(base, by_variant, PICTURES / "ablation.svg")
+def ablation_section(preset: str, by_variant: dict[str, list[Result]], photos: int) -> str:
+    base = by_variant[""]
+    picture = PICTURES / f"ablation-{preset}.svg"
+    chart(ABLATION[preset], by_variant, picture)
     parts = [
-        f"## What each part is worth\n\nOne thing changed in preset `{BASE}`, on {photos} photos taken "
-        f"evenly from the sets: difference to the preset as it is; ratio for strokes, bytes and CPU.\n\n"
-        f"![The differences in PSNR and edges, and the size, of every variant](evaluation/ablation.svg)\n"
+        f"## What each part of `{preset}` is worth\n\nOne thing changed in the preset, on {photos} photos taken evenly "
+        "from the sets: difference to the preset as it is; ratio for strokes, bytes and CPU.\n\n"
+        f"![The differences in PSNR and edges, and the size, of every variant](evaluation/{picture.name})\n"
     ]
-    for chapter, variants in ABLATION.items():
-        rows = [difference_row(name, base, by_variant[name]) for name in variants]
-        parts.append(f"### {chapter}\n\n" + table(VARIANT_HEADER, rows))
+    for chapter, changes in ABLATION[preset].items():
+        rows = [difference_row(name, base, by_variant[name]) for name in changes]
+        parts.append(f"### `{preset}`: {chapter[0].lower()}{chapter[1:]}\n\n" + table(VARIANT_HEADER, rows))
     return "\n".join(parts)
 
 
@@ -246,11 +310,12 @@ def ratio(key: str, base: Sequence[Result], other: Sequence[Result]) -> float:
     return sum(result[key] for result in other) / sum(result[key] for result in base)
 
 
-def chart(base: list[Result], by_variant: dict[str, list[Result]], path: Path) -> None:
+def chart(chapters: dict[str, dict[str, Change]], by_variant: dict[str, list[Result]], path: Path) -> None:
     from matplotlib.figure import Figure
 
-    order = [name for chapter in ABLATION.values() for name in chapter]
-    starts = np.cumsum([0] + [len(chapter) for chapter in ABLATION.values()])
+    base = by_variant[""]
+    order = [name for chapter in chapters.values() for name in chapter]
+    starts = np.cumsum([0] + [len(chapter) for chapter in chapters.values()])
     figure = Figure(figsize=(10, 0.22 * len(order) + 1))
     panels = figure.subplots(1, 3, sharey=True)
     for panel, key, label in zip(panels, ("psnr_db", "edge_f1"), ("PSNR, dB", "edges F1"), strict=False):
@@ -275,10 +340,10 @@ def chart(base: list[Result], by_variant: dict[str, list[Result]], path: Path) -
     save_chart(figure, path)
 
 
-def pictures_section(styles: dict[str, Preset], directions: Sequence[Preset]) -> str:
+def pictures_section(styles: dict[str, dict[str, Any]], directions: dict[str, dict[str, Any]]) -> str:
     """Sheets of the photos that may be shared."""
-    sheet("styles.jpg", list(styles.values()))
-    sheet("directions.jpg", directions)
+    for name, shown in (("styles.jpg", styles), ("directions.jpg", directions)):
+        sheet(name, [msgspec.convert(style["preset"], Preset) for style in shown.values()])
     listed = ", ".join(f"`{name}`" for name in styles)
     return (
         f"## Pictures\n\nThe photo, then {listed}.\n\n![Samples in every style](evaluation/styles.jpg)\n\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+import strokeplan
+from strokeplan import planner
 from strokeplan.formats.svg import encode
 from strokeplan.image import Photo
-from strokeplan.presets import load_preset
+from strokeplan.presets import Preset, load_preset
 from strokeplan.rendering import paint
 from strokeplan.strokes import StrokePlan
 
@@ -34,10 +37,9 @@ def test_a_result_is_named_by_all_it_depends_on(tmp_path: Path, monkeypatch: pyt
     first, second = tmp_path / "1.jpg", tmp_path / "2.jpg"
     first.write_bytes(b"one")
     second.write_bytes(b"two")
-    paper = load_preset("paper")
 
     def name(photo: Path = first, measure: Any = evaluation.measure, **change: Any) -> str:
-        return results.digest(measure, *evaluation.job(photo, paper.override(change)))
+        return results.digest(measure, photo, evaluation.variant("paper", change))
 
     names = [name(), name(second), name(measure=asked), name(coherence=0.4), name(**{"layers.2.width": 9})]
     monkeypatch.setattr(evaluation, "SEED", 1)
@@ -52,21 +54,49 @@ def test_a_result_is_named_by_all_it_depends_on(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_variant_is_its_base_with_values_replaced() -> None:
+    def variant(change: dict[str, Any]) -> Preset:
+        return msgspec.convert(evaluation.variant("paper", change)["preset"], Preset)
+
     base = load_preset("paper")
-    made = evaluation.variant("paper", {"layers.*.sigma": "×0.5", "layers.2.width": "×2", "coherence": 0.1})
+    made = variant({"layers.*.sigma": "×0.5", "layers.2.width": "×2", "coherence": 0.1})
     assert [layer.sigma for layer in made.layers] == [layer.sigma / 2 for layer in base.layers]
     assert [layer.width for layer in made.layers] == [50, 50, 5, 2.5]
     assert made.coherence == 0.1
-    assert evaluation.variant("paper", {}) == base
-    assert evaluation.variant("paper", {"integration_sigma": "×3"}).integration_sigma == 3
+    assert variant({}) == base
+    assert variant({"integration_sigma": "×3"}).integration_sigma == 3
+    assert variant({"layers": "2-3"}).layers == base.layers[1:3]
 
 
-def test_every_variant_is_another_preset() -> None:
+@pytest.mark.parametrize("base", evaluation.ABLATION)
+def test_every_variant_is_another(base: str) -> None:
     """All are valid, and none is the base or another one under a second name."""
-    changes = [change for chapter in evaluation.ABLATION.values() for change in chapter.values()]
-    made = [evaluation.variant(evaluation.BASE, change) for change in changes]
-    made.append(load_preset(evaluation.BASE))
-    assert len({msgspec.json.encode(preset) for preset in made}) == len(made) > 30
+    made = [*evaluation.variants(base).values(), evaluation.variant(base, {})]
+    assert len({msgspec.json.encode(asked) for asked in made}) == len(made) > 30
+
+
+def test_constants_of_modules_are_there_and_are_changed_for_one_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    changes = [
+        change
+        for chapters in evaluation.ABLATION.values()
+        for chapter in chapters.values()
+        for change in chapter.values()
+    ]
+    parts = {key for change in changes for key in change if key.split(".")[0] in evaluation.PARTS}
+    assert len(parts) >= 3
+    seen = []
+
+    def plan(*_: Any, **__: Any) -> None:
+        seen.append(planner.PRUNE)
+        raise InterruptedError
+
+    monkeypatch.setattr(strokeplan, "plan", plan)
+    before = planner.PRUNE
+    for key in sorted(parts):
+        module, name = key.split(".")
+        assert hasattr(import_module(f"strokeplan.{module}"), name)
+    with pytest.raises(InterruptedError):
+        evaluation.measure(ROOT / "samples" / "coffee.jpg", evaluation.variant("fine", {"planner.PRUNE": 0.125}))
+    assert (seen, planner.PRUNE) == ([0.125], before)
 
 
 def test_differences_are_taken_photo_by_photo() -> None:
