@@ -97,8 +97,8 @@ def section(folders: Sequence[Path]) -> str:
     return (
         f"{HEADING}\nMade by `python benchmarks/eyes.py FOLDER… --write`. The author names lost eyes as a weakness of "
         f"the method. OpenCV's cascade for eyes finds {total} of them in the faces of {len(results)} of the "
-        f"{len(paths)} photos of {names}; it looks for the same ones in the painted pictures. SSIM is that of eyes and mouths.\n\n"
-        + table(("", "eyes found again", "SSIM of eyes and mouth", "strokes"), rows)
+        f"{len(paths)} photos of {names}; it looks for the same ones in the painted pictures. SSIM is that of eyes "
+        "and mouths.\n\n" + table(("", "eyes found again", "SSIM of eyes and mouth", "strokes"), rows)
     )
 
 
