@@ -24,7 +24,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from strokeplan.errors import InputError
 from strokeplan.field import structure_tensor
@@ -276,6 +275,8 @@ def _coherent_edges(intensity: Map, rho: float) -> Map:
 
 def _rarity(lab: Map) -> Map:
     """Self-information of each pixel's colour, −ln of its frequency in the photo (Bruce and Tsotsos 2005)."""
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
     place = (lab / LAB_BIN).reshape(-1, 3)
     place -= np.floor(place.min(axis=0))
     bins = np.floor(place.max(axis=0)).astype(int) + 2
@@ -293,6 +294,8 @@ def _spread(values: Map, floor: float) -> Map:
 
 
 def _smooth(values: Map, sigma: float) -> Map:
+    from scipy.ndimage import gaussian_filter
+
     smooth: Map = gaussian_filter(values, sigma, mode="nearest", axes=(0, 1))
     return smooth
 
