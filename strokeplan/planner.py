@@ -280,7 +280,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     fields: list[OrientationField] = []
 
     def pursue(gain: float) -> Pursuit:
-        picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice)
+        picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice, workers)
         for number, layer in enumerate(preset.layers, start=1):
             if number > len(fields):
                 began = perf_counter()
@@ -290,7 +290,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
             least = gain * layer.gain * 1e-6 * (picture.error_to_beat() + UNSEEN * weight.size)
             if preset.keep == "gain" and number == len(preset.layers) > 1:
                 picture.prune(PRUNE * least, spare_first=preset.cover)
-                picture.look_closely(workers)
+                picture.look_closely()
             tell = job.teller(number, picture.strokes, picture.mean_distance)
             brush, rules = layer_brush(preset, layer), _rules(job, layer, number, least, uneven)
             picture.paint_layer(fields[number - 1], brush, rules, wander_key((job.seed, number)), workers, tell)
@@ -302,7 +302,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
         return picture
 
     best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
-    canvas = best.finish(workers, job.spare if preset.cover and most is None else None)
+    canvas = best.finish(job.spare if preset.cover and most is None else None)
     return best.layers, canvas
 
 
