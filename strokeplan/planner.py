@@ -33,7 +33,7 @@ from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
-from strokeplan.importance import importance_map, load_mask, segments
+from strokeplan.importance import check_mask, importance_map, load_mask, segments
 from strokeplan.merging import merge
 from strokeplan.painting import (
     BEND_WIDTHS,
@@ -234,11 +234,11 @@ def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
 
 
 def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDArray[np.float32] | None:
-    """The mask as an array; that it fits the photo is for importance_map to say."""
+    """The mask as an array that fits the photo."""
     if mask is None:
         return None
     values = load_mask(mask) if isinstance(mask, str | os.PathLike) else np.asarray(mask)
-    importance_map(photo.rgb[:1, :1] if values.size == 0 else photo.rgb, mask=values)
+    check_mask(values, photo.width, photo.height)
     return values
 
 
