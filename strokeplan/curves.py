@@ -83,10 +83,13 @@ class Scratch(NamedTuple):
     u: NDArray[np.float64]
 
 
-@kernel
 def scratch(n: int) -> Scratch:
     """Room for polylines of up to `n` points."""
     return Scratch(np.empty((n + 1, 2), np.int64), np.empty(n, np.bool_), np.empty((n, 2)), np.empty(n))
+
+
+scratch_inside = kernel(scratch)
+"""The same, to be called from kernels."""
 
 
 @leaf

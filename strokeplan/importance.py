@@ -24,7 +24,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from strokeplan.errors import InputError
 from strokeplan.field import structure_tensor
@@ -80,18 +79,23 @@ def load_mask(path: str | os.PathLike[str]) -> Map:
 def fit_mask(mask: NDArray[Any], rgb: NDArray[np.uint8]) -> Map:
     """A mask (h, w) in 0..1 at the size of the photo (h, w, 3); means of its pixels where it is larger.
 
-    Raises InputError for another aspect ratio (a pixel of rounding is allowed), shape or range.
+    Raises InputError, see `check_mask`.
     """
+    check_mask(mask, rgb.shape[1], rgb.shape[0])
+    return _resized(mask.astype(np.float32), rgb.shape[:2])
+
+
+def check_mask(mask: NDArray[Any], width: int, height: int) -> None:
+    """Raise InputError for a mask of another aspect ratio (a pixel of rounding is allowed), shape or range."""
     if mask.ndim != 2 or not mask.size:
         raise InputError(f"a mask of shape {mask.shape} is not understood; give (height, width)")
     if not np.all((mask >= 0) & (mask <= 1)):
         raise InputError("a mask must lie in 0..1; divide 8-bit values by 255")
-    (high, wide), (height, width) = mask.shape, rgb.shape[:2]
+    high, wide = mask.shape
     if abs(wide * height - high * width) > max(wide + high, width + height):
         raise InputError(
             f"the mask is {wide} × {high}, the photo {width} × {height}: give a mask of the photo's proportions"
         )
-    return _resized(mask.astype(np.float32), (height, width))
 
 
 def importance_map(rgb: NDArray[np.uint8], *, mask: NDArray[Any] | None = None, use: Collection[Cue] = CUES) -> Map:
@@ -276,6 +280,8 @@ def _coherent_edges(intensity: Map, rho: float) -> Map:
 
 def _rarity(lab: Map) -> Map:
     """Self-information of each pixel's colour, −ln of its frequency in the photo (Bruce and Tsotsos 2005)."""
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
     place = (lab / LAB_BIN).reshape(-1, 3)
     place -= np.floor(place.min(axis=0))
     bins = np.floor(place.max(axis=0)).astype(int) + 2
@@ -293,6 +299,8 @@ def _spread(values: Map, floor: float) -> Map:
 
 
 def _smooth(values: Map, sigma: float) -> Map:
+    from scipy.ndimage import gaussian_filter
+
     smooth: Map = gaussian_filter(values, sigma, mode="nearest", axes=(0, 1))
     return smooth
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.curves import fit, point, rdp, scratch, subdivisions
+from strokeplan.curves import fit, point, rdp, scratch_inside, subdivisions
 from strokeplan.jit import kernel
 
 MAX_ARC_STEP = np.pi / 6
@@ -264,7 +264,7 @@ def _fitted(polygon: NDArray[np.float64], turn: int, tolerance: float) -> NDArra
         return np.empty((0, 2))
     closed = np.empty((n + 1, 2))
     closed[:n], closed[n] = polygon, polygon[0]
-    vertices, room = np.empty((n + 1, 2)), scratch(n + 1)
+    vertices, room = np.empty((n + 1, 2)), scratch_inside(n + 1)
     chain = np.empty((3 * n + 4, 2))
     chain[0] = polygon[0]
     at = 0

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.canvas import Packed, mean_distance, paint_chain
-from strokeplan.curves import Scratch, fit, rdp, scratch
+from strokeplan.curves import Scratch, fit, rdp, scratch_inside
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.presets import LayerPreset, Preset
@@ -330,7 +330,7 @@ def _trace_stroke(
 @kernel
 def _trace_cells(scene: _Scene, brush: Brush, capacity: int, begin: int, end: int, ahead: _Ahead) -> None:
     """Trace the cells order[begin:end] that would be tried if it were their turn now."""
-    tract, vertices, room = np.empty((capacity, 2)), np.empty((capacity, 2)), scratch(capacity)
+    tract, vertices, room = np.empty((capacity, 2)), np.empty((capacity, 2)), scratch_inside(capacity)
     used = 0
     for k in range(begin, end):
         if used + 3 * capacity + 1 > len(ahead.points):
@@ -365,7 +365,7 @@ def _paint_cells(
     columns, for the caller to enlarge them.
     """
     tract, vertices, own = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2))
-    room = scratch(capacity)
+    room = scratch_inside(capacity)
     while at < end:
         if used + 4 * capacity > len(points) or laid + capacity > len(counts):
             return at, laid, used

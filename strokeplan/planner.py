@@ -33,7 +33,7 @@ from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
-from strokeplan.importance import importance_map, load_mask, segments
+from strokeplan.importance import check_mask, importance_map, load_mask, segments
 from strokeplan.merging import merge
 from strokeplan.painting import (
     BEND_WIDTHS,
@@ -234,11 +234,11 @@ def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
 
 
 def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDArray[np.float32] | None:
-    """The mask as an array; that it fits the photo is for importance_map to say."""
+    """The mask as an array that fits the photo."""
     if mask is None:
         return None
     values = load_mask(mask) if isinstance(mask, str | os.PathLike) else np.asarray(mask)
-    importance_map(photo.rgb[:1, :1] if values.size == 0 else photo.rgb, mask=values)
+    check_mask(values, photo.width, photo.height)
     return values
 
 
@@ -280,7 +280,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     fields: list[OrientationField] = []
 
     def pursue(gain: float) -> Pursuit:
-        picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice)
+        picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", regions, choice, workers)
         for number, layer in enumerate(preset.layers, start=1):
             if number > len(fields):
                 began = perf_counter()
@@ -290,7 +290,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
             least = gain * layer.gain * 1e-6 * (picture.error_to_beat() + UNSEEN * weight.size)
             if preset.keep == "gain" and number == len(preset.layers) > 1:
                 picture.prune(PRUNE * least, spare_first=preset.cover)
-                picture.look_closely(workers)
+                picture.look_closely()
             tell = job.teller(number, picture.strokes, picture.mean_distance)
             brush, rules = layer_brush(preset, layer), _rules(job, layer, number, least, uneven)
             picture.paint_layer(fields[number - 1], brush, rules, wander_key((job.seed, number)), workers, tell)
@@ -302,7 +302,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
         return picture
 
     best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
-    canvas = best.finish(workers, job.spare if preset.cover and most is None else None)
+    canvas = best.finish(job.spare if preset.cover and most is None else None)
     return best.layers, canvas
 
 

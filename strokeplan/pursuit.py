@@ -24,18 +24,20 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
+from strokeplan.canvas import Packed, footprint, mean_distance, paint_once
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
 from strokeplan.tractography import splitmix64, trace, tract_capacity, uniform
+
+Result = TypeVar("Result")
 
 SECTIONS = 12
 """Stretches of a tract begin and end at this many of its points at most; all pairs are compared."""
@@ -64,7 +66,7 @@ NARROWEST, WIDEST = 0.5, 2.0
 SOLVES, DAMPING = 4, 0.8
 """Steps towards the colours that suit best together, and the part of each that is taken: whole ones overshoot."""
 BANDS = 8
-"""Parts of a picture that are looked at closely one by one."""
+"""Parts of a picture that several threads measure, one each at a time."""
 LIMIT_STEPS = 20
 """Strokes in excess of a limit go in parts of one in so many of those there are."""
 TEST_DISTANCE = 0.5
@@ -142,6 +144,7 @@ class _Easel(NamedTuple):
     chain: NDArray[np.float64]
     sums: NDArray[np.float64]
     pixels: NDArray[np.int32]
+    spans: NDArray[np.int32]
     room: Scratch
 
 
@@ -191,6 +194,7 @@ class Pursuit:
     below: NDArray[np.int32]
     stamp: NDArray[np.int32]
     layers: list[LayerStrokes]
+    workers: Workers
     marks: int = 0
 
     @classmethod
@@ -202,6 +206,7 @@ class Pursuit:
         round_cap: bool = True,
         regions: NDArray[np.int32] | None = None,
         choice: NDArray[np.uint32] | None = None,
+        workers: Workers | None = None,
     ) -> Pursuit:
         """A bare canvas of one colour 0xRRGGBB."""
         nobody = np.full(photo.shape, -1, np.int32)
@@ -217,6 +222,7 @@ class Pursuit:
             below=nobody.copy(),
             stamp=nobody.copy(),
             layers=[],
+            workers=workers or Workers(),
         )
         pursuit._measure()
         return pursuit
@@ -238,12 +244,12 @@ class Pursuit:
         """`total_error`, but of a bare canvas that of one in the photo's mean colour: nothing is owed to paper."""
         if self.layers:
             return self.total_error()
-        everywhere, sums = np.zeros(self.photo.shape, np.int32), np.zeros((1, 4))
-        _add_all(self.photo, self.weight, everywhere, sums)
-        colour = _means(sums, np.zeros(1, np.uint32), np.empty(0, np.uint32))
-        error = np.empty(self.photo.shape, np.float32)
-        _measure_error(self.photo, self.weight, everywhere, colour, np.uint32(0), error)
-        return float(error.sum(dtype=np.float64))
+        sums = np.zeros((len(self._bands()), 5))
+        self._by_bands(lambda k, rows: _add_flat(self.photo[rows], self.weight[rows], sums[k]))
+        total, squares = sums.sum(axis=0)[:4], float(sums[:, 4].sum())
+        colour = _means(total[None], np.zeros(1, np.uint32), np.empty(0, np.uint32))[0]
+        r, g, b = int(colour >> 16), int(colour >> 8 & 255), int(colour & 255)
+        return squares - 2 * float(total[1:] @ (r, g, b)) + (r * r + g * g + b * b) * float(total[0])
 
     def mean_distance(self) -> float:
         """Mean RGB distance of photo and picture, of a sample of the pixels."""
@@ -281,7 +287,8 @@ class Pursuit:
             laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
             if laid:
                 final = known + np.cumsum([0, *(len(counts) for _, counts, _, _ in laid)])
-                _renumber(self.ids, self.below, np.array([strip.first_id for strip in phase]), final)
+                first = np.array([strip.first_id for strip in phase])
+                self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))  # noqa: B023
                 known = int(final[-1])
             kept += laid
             tell(len(kept), len(strips), known - self.strokes)
@@ -308,9 +315,9 @@ class Pursuit:
 
     def refit(self) -> None:
         """Every stroke takes the mean colour of what it shows; the error follows."""
-        sums = np.zeros((self.strokes, 4))
-        _add_all(self.photo, self.weight, self.ids, sums)
-        self._recolour(_means(sums, self.colours, self.choice))
+        sums = np.zeros((len(self._bands()), self.strokes, 4))
+        self._by_bands(lambda k, rows: _add_all(self.photo[rows], self.weight[rows], self.ids[rows], sums[k]))
+        self._recolour(_means(sums.sum(axis=0), self.colours, self.choice))
         self._measure()
 
     def prune(self, least: float, *, spare_first: bool = False) -> None:
@@ -318,59 +325,130 @@ class Pursuit:
 
         `spare_first`: but those of the first layer, which cover the canvas.
         """
-        costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
+        costs, seen = self._removal_costs()
         drop = (costs < least) & seen
         drop[: len(self.layers[0].counts) if spare_first else 0] = False
         self._drop(drop, costs)
 
-    def look_closely(self, workers: Workers) -> None:
+    def look_closely(self) -> None:
         """Measure the error as an antialiased picture has it, in which seams between strokes show what lies below."""
-        shown = self._with_background()
-        for (top, bottom), numbers in self._closely(workers):
-            _compare(self.photo[top:bottom], self.weight[top:bottom], _reduced(numbers, shown), self.error[top:bottom])
+        shown, seen = self._with_background(), self._closely()
 
-    def finish(self, workers: Workers, spare: float | None = None) -> Packed:
+        def measure(_: int, rows: slice) -> None:
+            _compare(self.photo[rows], self.weight[rows], seen(rows), shown, self.error[rows])
+
+        self._by_bands(measure)
+
+    def finish(self, spare: float | None = None) -> Packed:
         """Drop strokes that nobody sees, give the others the colours that suit best together; return the picture.
 
         All as an antialiased picture has it. With `spare` (see Rules) what alone covers a part of the canvas stays, in
         the colour that is wanted there.
         """
-        closely = self._closely(workers)
-        n = self.strokes
+        seen, n = self._closely(), self.strokes
+        numbers = self._by_bands(lambda _, rows: seen(rows))
         colours = np.stack([self._with_background() >> shift & 255 for shift in (16, 8, 0)], axis=-1).astype(np.float64)
         for _ in range(SOLVES):
-            sums = np.zeros((n + 1, 4))
-            for (top, bottom), numbers in closely:
-                _add_residuals(self.photo[top:bottom], self.weight[top:bottom], numbers, colours, sums)
+            parts = np.zeros((len(numbers), n + 1, 4))
+            self._by_bands(
+                lambda k, rows: _add_residuals(self.photo[rows], self.weight[rows], numbers[k], colours, parts[k])  # noqa: B023
+            )
+            sums = parts.sum(axis=0)
             colours[:n] += DAMPING * sums[:n, 1:] / np.maximum(sums[:n, :1], 1e-9)
             np.clip(colours, 0, 255, out=colours)
         drop = sums[:n, 0] == 0
         if spare is not None:
-            self.marks += n
-            _keep_covered(self.photo, self.stamp, *self._outlines(), self.round_cap, spare, drop, self.marks, colours)
+            self._keep_covered(spare, drop, colours)
         self._recolour(_packed(colours[:n], self.choice))
-        shown = self._with_background()
-        picture = np.concatenate([_reduced(numbers, shown) for _, numbers in closely])
+        shown, picture = self._with_background(), np.empty_like(self.photo)
+        self._by_bands(lambda k, rows: _reduce(numbers[k], shown, picture[rows]))
         self._leave_out(drop)
         return picture
+
+    def _keep_covered(self, spare: float, drop: NDArray[np.bool_], colours: NDArray[np.float64]) -> None:
+        """Take back what is to be dropped and covers a pixel that no other stroke, thinner by `spare`, covers.
+
+        Its colour becomes the mean of the photo there.
+        """
+        points, counts, widths = self._outlines()
+        thin = np.maximum(widths - spare, 0.5 * widths)
+        stay = points[np.repeat(~drop, counts)], counts[~drop], thin[~drop]
+        solid = np.empty(self.photo.shape, np.bool_)
+
+        def cover(_: int, rows: slice) -> None:
+            np.less(self._number(*stay, rows, 1), len(stay[1]), out=solid[rows])
+
+        self._by_bands(cover)
+        gone = np.flatnonzero(drop)
+        firsts = (np.cumsum(counts) - counts)[gone]
+        room = self._largest_footprint(points, counts, thin)
+        self.marks += len(gone)
+        _keep_covering(
+            self.photo, self.stamp, solid, points, firsts, counts[gone], thin[gone], self.round_cap, gone, drop,
+            self.marks, colours, np.full((len(solid), 3), -1, np.int32), room,
+        )  # fmt: skip
+
+    def _largest_footprint(
+        self, points: NDArray[np.float64], counts: NDArray[np.int64], widths: NDArray[np.float64]
+    ) -> NDArray[np.int32]:
+        """Room for the pixels of any one of these strokes."""
+        if len(counts) == 0:
+            return np.empty((0, 2), np.int32)
+        # No curve is longer than its control polygon.
+        steps = np.append(np.hypot(*np.diff(points, axis=0).T), 0.0)
+        steps[np.cumsum(counts) - 1] = 0.0
+        lengths = np.add.reduceat(steps, np.cumsum(counts) - counts)
+        largest = float(np.max((lengths + widths + 4) * (widths + 4)))
+        return np.empty((min(ceil(largest), self.stamp.size), 2), np.int32)
+
+    def _removal_costs(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """By how much the error grows if a stroke is taken away, and whether it is seen.
+
+        Infinite where what lies below is canvas, or not known.
+        """
+        costs, seen = np.zeros(self.strokes), np.zeros(self.strokes, np.bool_)
+        _add_removal_costs(self.photo, self.weight, self.ids, self.below, self.colours, costs, seen)
+        return costs, seen
+
+    def _bands(self) -> list[slice]:
+        height = len(self.photo)
+        return [slice(height * k // BANDS, height * (k + 1) // BANDS) for k in range(BANDS)]
+
+    def _by_bands(self, work: Callable[[int, slice], Result]) -> list[Result]:
+        """`work` of the number and the rows of every band, several at a time; what each does depends on no other."""
+        return self.workers.run(lambda band: work(*band), list(enumerate(self._bands())))
 
     def _with_background(self) -> NDArray[np.uint32]:
         """(n + 1,) packed colours of all strokes, and of the canvas."""
         return np.append(self.colours, np.uint32(self.background))
 
-    def _closely(self, workers: Workers) -> list[tuple[tuple[int, int], NDArray[np.uint32]]]:
-        """Bands of rows (top, bottom) of the picture, and which stroke shows where in them at twice the size."""
-        height, width = self.photo.shape
-        bands = [(height * k // BANDS, height * (k + 1) // BANDS) for k in range(BANDS)]
+    def _closely(self) -> Callable[[slice], NDArray[np.uint32]]:
+        """What tells which stroke shows where in some rows of the picture, painted at twice the size."""
         outlines = self._outlines()
-        numbers = workers.run(lambda band: _number_closely(*outlines, self.round_cap, *band, width), bands)
-        return list(zip(bands, numbers, strict=True))
+        return lambda rows: self._number(*outlines, rows, 2)
+
+    def _number(
+        self,
+        points: NDArray[np.float64],
+        counts: NDArray[np.int64],
+        widths: NDArray[np.float64],
+        rows: slice,
+        scale: int,
+    ) -> NDArray[np.uint32]:
+        """Which stroke shows in some rows of a picture painted at `scale` times the size; their count for none."""
+        numbers = np.full((scale * (rows.stop - rows.start), scale * self.photo.shape[1]), len(counts), np.uint32)
+        chain = np.empty((int(counts.max(initial=0)), 2))
+        spans = np.full((len(numbers), 3), -1, np.int32)
+        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, chain, spans)
+        return numbers
 
     def limit(self, most: int) -> None:
         """Drop the strokes that are missed least until no more than `most` are left, even if canvas shows."""
+        if self.strokes <= most:
+            return
         while self.strokes > most:
             self._look_below()
-            costs, seen = _removal_costs(self.photo, self.weight, self.ids, self.below, self.colours)
+            costs, seen = self._removal_costs()
             costs[~seen] = -np.inf
             # Not all at once: what lies below a stroke that goes is missed more afterwards.
             surplus = min(self.strokes - most, max(self.strokes // LIMIT_STEPS, 1))
@@ -382,7 +460,12 @@ class Pursuit:
     def _look_below(self) -> None:
         """Find anew what each pixel shows, and what lies below that."""
         self.marks += self.strokes
-        _look_below(self.ids, self.below, self.stamp, *self._outlines(), self.round_cap, self.marks)
+        outlines, spans = self._outlines(), np.full((len(self.ids), 3), -1, np.int32)
+        self.ids[:], self.below[:] = -1, -1
+        _look_below(
+            self.ids, self.below, self.stamp, *outlines, self.round_cap, self.marks, spans,
+            self._largest_footprint(*outlines),
+        )  # fmt: skip
         self.refit()
 
     def _outlines(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
@@ -427,7 +510,12 @@ class Pursuit:
         return np.split(column, np.cumsum([len(layer.counts) for layer in self.layers])[:-1])
 
     def _measure(self) -> None:
-        _measure_error(self.photo, self.weight, self.ids, self.colours, np.uint32(self.background), self.error)
+        colours, background = self.colours, np.uint32(self.background)
+
+        def measure(_: int, rows: slice) -> None:
+            _measure_error(self.photo[rows], self.weight[rows], self.ids[rows], colours, background, self.error[rows])
+
+        self._by_bands(measure)
 
 
 def _cells(top: int, bottom: int, left: int, right: int, side: float) -> int:
@@ -442,7 +530,7 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid
     room = int((2 * brush.length + 2 * widest + 64) * (max(widest, 2 * rules.separation) + 4))
     easel = _Easel(
         np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((3 * capacity + 1, 2)), np.zeros((capacity + 1, 6)),
-        np.empty((room, 2), np.int32), scratch(capacity),
+        np.empty((room, 2), np.int32), np.full((len(scene.photo), 3), -1, np.int32), scratch(capacity),
     )  # fmt: skip
     cells = _cells(strip.top, strip.bottom, strip.left, strip.right, rules.cell)
     ranks, mass, tree = np.empty(cells), np.zeros(cells), np.zeros(cells + 1)
@@ -458,6 +546,20 @@ def _paint_strip(scene: Scene, brush: Brush, rules: Rules, strip: Strip) -> Laid
             kept = kept._replace(points=np.concatenate([kept.points, np.empty_like(easel.chain)]))
     n = int(tally.strokes[0])
     return kept.points[: tally.points[0]], kept.counts[:n], kept.widths[:n], kept.colours[:n]
+
+
+def _means(sums: NDArray[np.float64], colours: NDArray[np.uint32], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """The colour that stands for each stroke's sums; its own where these are empty."""
+    weights = sums[:, :1]
+    means = _packed(np.divide(sums[:, 1:], weights, out=np.zeros((len(sums), 3)), where=weights > 0), choice)
+    return np.where(weights[:, 0] > 0, means, colours)
+
+
+def _packed(colours: NDArray[np.float64], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """The packed colours that stand for (n, 3) means."""
+    packed = np.empty(len(colours), np.uint32)
+    _pack_suited(colours, choice, packed)
+    return packed
 
 
 def compiled() -> bool:
@@ -654,14 +756,14 @@ def _try(
     if n < (2 if dab else brush.min_vertices):
         return
     pieces = fit(easel.vertices, n, brush.fit_tolerance, brush.bounded, chain, 0, easel.room)
-    covered = footprint(scene.stamp, mark, chain, 0, pieces, thick, brush.round_cap, easel.pixels)
+    covered = footprint(scene.stamp, mark, easel.spans, chain, 0, pieces, thick, brush.round_cap, easel.pixels)
     gain, colour = _gain(scene, easel.pixels, covered)
     if covered == 0 or (rules.by_gain and not dab and gain < rules.gain):
         return
     _lay(scene, easel.pixels, covered, strip.first_id + tally.strokes[0], colour)
     if rules.seeding == EVEN:
         for k, lane, distance in ((1, _NEAR, TEST_DISTANCE * rules.separation), (2, _LANE, rules.separation)):
-            marked = footprint(scene.stamp, mark + k, chain, 0, pieces, 2.0 * distance, True, easel.pixels)
+            marked = footprint(scene.stamp, mark + k, easel.spans, chain, 0, pieces, 2.0 * distance, True, easel.pixels)
             for p in range(marked):
                 scene.lanes[easel.pixels[p, 0], easel.pixels[p, 1]] |= lane
     n, used = tally.strokes[0], tally.points[0]
@@ -926,8 +1028,24 @@ def _renumber(
             for numbers in (ids, below):
                 number = numbers[i, j]
                 if number >= provisional[0]:
-                    k = np.searchsorted(provisional, number, side="right") - 1
+                    k = len(provisional) - 1
+                    while provisional[k] > number:
+                        k -= 1
                     numbers[i, j] = number - provisional[k] + final[k]
+
+
+@leaf
+def _add_flat(photo: Packed, weight: NDArray[np.float32], sums: NDArray[np.float64]) -> None:
+    """Add weights, weighted colours and weighted squares of all pixels to sums."""
+    rows, columns = photo.shape
+    for i in range(rows):
+        for j in range(columns):
+            w, r, g, b = _pixel(photo, weight, i, j)
+            sums[0] += w
+            sums[1] += w * r
+            sums[2] += w * g
+            sums[3] += w * b
+            sums[4] += w * (r * r + g * g + b * b)
 
 
 @leaf
@@ -956,19 +1074,20 @@ def _measure_error(
             error[i, j] = weight[i, j] * _squared_distance(photo[i, j], colour)
 
 
-@kernel
-def _number_closely(
+@leaf
+def _paint_numbers(
+    numbers: NDArray[np.uint32],
     points: NDArray[np.float64],
     counts: NDArray[np.int64],
     widths: NDArray[np.float64],
     round_cap: bool,
     top: int,
     bottom: int,
-    columns: int,
-) -> NDArray[np.uint32]:
-    """Which stroke shows in rows top … bottom − 1 of a picture painted at twice the size; its number, or n for none."""
-    numbers = np.full((2 * (bottom - top), 2 * columns), len(counts), np.uint32)
-    chain = np.empty((counts.max() if len(counts) > 0 else 0, 2))
+    scale: int,
+    chain: NDArray[np.float64],
+    spans: NDArray[np.int32],
+) -> None:
+    """Paint the number of every stroke where it shows in rows top … bottom − 1, at `scale` times the size."""
     first = 0
     for stroke in range(len(counts)):
         count, width = counts[stroke], widths[stroke]
@@ -977,39 +1096,52 @@ def _number_closely(
             low, high = min(low, points[first + k, 1]), max(high, points[first + k, 1])
         if low - width < bottom and high + width > top:
             for k in range(count):
-                chain[k, 0], chain[k, 1] = 2.0 * points[first + k, 0], 2.0 * (points[first + k, 1] - top)
-            paint_chain(numbers, chain, 0, count // 3, 2.0 * width, round_cap, np.uint32(stroke))
+                chain[k, 0], chain[k, 1] = scale * points[first + k, 0], scale * (points[first + k, 1] - top)
+            paint_once(numbers, stroke, spans, chain, 0, count // 3, scale * width, round_cap, np.uint32(stroke))
         first += count
-    return numbers
-
-
-@kernel
-def _reduced(numbers: NDArray[np.uint32], colours: NDArray[np.uint32]) -> Packed:
-    """The picture of which `numbers` says what shows at twice the size, as antialiasing would have it."""
-    rows, columns = numbers.shape[0] // 2, numbers.shape[1] // 2
-    picture = np.empty((rows, columns), np.uint32)
-    for i in range(rows):
-        for j in range(columns):
-            red, green, blue = 0.0, 0.0, 0.0
-            for a in range(2):
-                for b in range(2):
-                    value = np.int64(colours[numbers[2 * i + a, 2 * j + b]])
-                    red += 0.25 * (value >> 16)
-                    green += 0.25 * ((value >> 8) & 255)
-                    blue += 0.25 * (value & 255)
-            picture[i, j] = (int(red + 0.5) << 16) | (int(green + 0.5) << 8) | int(blue + 0.5)
-    return picture
 
 
 @leaf
-def _compare(photo: Packed, weight: NDArray[np.float32], picture: Packed, error: NDArray[np.float32]) -> None:
+def _mixed(numbers: NDArray[np.uint32], colours: NDArray[np.uint32], i: int, j: int) -> np.uint32:
+    """The colour of a pixel of the picture of which `numbers` says what shows at twice the size, as antialiasing has
+    it."""
+    a, b = numbers[2 * i, 2 * j], numbers[2 * i, 2 * j + 1]
+    c, d = numbers[2 * i + 1, 2 * j], numbers[2 * i + 1, 2 * j + 1]
+    if a == b and a == c and a == d:
+        return np.uint32(colours[a])
+    mixed = np.uint32(0)
+    for shift in (16, 8, 0):
+        total = (
+            ((colours[a] >> shift) & 255) + ((colours[b] >> shift) & 255)
+            + ((colours[c] >> shift) & 255) + ((colours[d] >> shift) & 255)
+        )  # fmt: skip
+        mixed |= np.uint32(((total + 2) >> 2) << shift)
+    return mixed
+
+
+@leaf
+def _reduce(numbers: NDArray[np.uint32], colours: NDArray[np.uint32], picture: Packed) -> None:
+    rows, columns = picture.shape
+    for i in range(rows):
+        for j in range(columns):
+            picture[i, j] = _mixed(numbers, colours, i, j)
+
+
+@leaf
+def _compare(
+    photo: Packed,
+    weight: NDArray[np.float32],
+    numbers: NDArray[np.uint32],
+    colours: NDArray[np.uint32],
+    error: NDArray[np.float32],
+) -> None:
     rows, columns = photo.shape
     for i in range(rows):
         for j in range(columns):
-            error[i, j] = weight[i, j] * _squared_distance(photo[i, j], picture[i, j])
+            error[i, j] = weight[i, j] * _squared_distance(photo[i, j], _mixed(numbers, colours, i, j))
 
 
-@kernel
+@leaf
 def _add_residuals(
     photo: Packed,
     weight: NDArray[np.float32],
@@ -1022,34 +1154,36 @@ def _add_residuals(
     Their ratio is the step towards the colours of least squared error (Jacobi's method).
     """
     rows, columns = photo.shape
-    shown = np.empty(4, np.int64)
     for i in range(rows):
         for j in range(columns):
-            value, w = np.int64(photo[i, j]), float(weight[i, j])
-            red, green, blue = float(value >> 16), float((value >> 8) & 255), float(value & 255)
-            for k in range(4):
-                number = np.int64(numbers[2 * i + k // 2, 2 * j + k % 2])
-                shown[k] = number
-                red -= 0.25 * colours[number, 0]
-                green -= 0.25 * colours[number, 1]
-                blue -= 0.25 * colours[number, 2]
-            for k in range(4):
-                part = 0.0
-                for m in range(4):
-                    part += 0.25 if shown[m] == shown[k] else 0.0
-                number = shown[k]
-                sums[number, 0] += 0.25 * w * part
-                sums[number, 1] += 0.25 * w * red
-                sums[number, 2] += 0.25 * w * green
-                sums[number, 3] += 0.25 * w * blue
+            w, red, green, blue = _pixel(photo, weight, i, j)
+            a, b = int(numbers[2 * i, 2 * j]), int(numbers[2 * i, 2 * j + 1])
+            c, d = int(numbers[2 * i + 1, 2 * j]), int(numbers[2 * i + 1, 2 * j + 1])
+            if a == b and a == c and a == d:
+                _add_part(sums, a, w, 1.0, red - colours[a, 0], green - colours[a, 1], blue - colours[a, 2])
+                continue
+            red -= 0.25 * (colours[a, 0] + colours[b, 0] + colours[c, 0] + colours[d, 0])
+            green -= 0.25 * (colours[a, 1] + colours[b, 1] + colours[c, 1] + colours[d, 1])
+            blue -= 0.25 * (colours[a, 2] + colours[b, 2] + colours[c, 2] + colours[d, 2])
+            for number in (a, b, c, d):
+                part = 0.25 * ((a == number) + (b == number) + (c == number) + (d == number))
+                _add_part(sums, number, 0.25 * w, part, red, green, blue)
 
 
-@kernel
-def _packed(colours: NDArray[np.float64], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    packed = np.empty(len(colours), np.uint32)
+@leaf
+def _add_part(
+    sums: NDArray[np.float64], number: int, weight: float, part: float, red: float, green: float, blue: float
+) -> None:
+    sums[number, 0] += weight * part
+    sums[number, 1] += weight * red
+    sums[number, 2] += weight * green
+    sums[number, 3] += weight * blue
+
+
+@leaf
+def _pack_suited(colours: NDArray[np.float64], choice: NDArray[np.uint32], packed: NDArray[np.uint32]) -> None:
     for stroke in range(len(colours)):
         packed[stroke] = _suited(choice, colours[stroke, 0], colours[stroke, 1], colours[stroke, 2])
-    return packed
 
 
 @leaf
@@ -1061,30 +1195,16 @@ def _add(sums: NDArray[np.float64], stroke: int, colour: np.uint32, weight: floa
     sums[stroke, 3] += weight * (value & 255)
 
 
-@kernel
-def _means(sums: NDArray[np.float64], colours: NDArray[np.uint32], choice: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """The colour that stands for each stroke's sums; its own where these are empty."""
-    means = colours.copy()
-    for stroke in range(len(colours)):
-        w = sums[stroke, 0]
-        if w > 0.0:
-            means[stroke] = _suited(choice, sums[stroke, 1] / w, sums[stroke, 2] / w, sums[stroke, 3] / w)
-    return means
-
-
-@kernel
-def _removal_costs(
+@leaf
+def _add_removal_costs(
     photo: Packed,
     weight: NDArray[np.float32],
     ids: NDArray[np.int32],
     below: NDArray[np.int32],
     colours: NDArray[np.uint32],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """By how much the error grows if a stroke is taken away, and whether it is seen.
-
-    Infinite where what lies below is canvas, or not known.
-    """
-    costs, seen = np.zeros(len(colours)), np.zeros(len(colours), np.bool_)
+    costs: NDArray[np.float64],
+    seen: NDArray[np.bool_],
+) -> None:
     rows, columns = ids.shape
     for i in range(rows):
         for j in range(columns):
@@ -1099,7 +1219,6 @@ def _removal_costs(
                 costs[top] += weight[i, j] * (
                     _squared_distance(value, colours[under]) - _squared_distance(value, colours[top])
                 )
-    return costs, seen
 
 
 @leaf
@@ -1149,7 +1268,7 @@ def _mean_distances(
     return sums / np.maximum(counts, 1.0)
 
 
-@kernel
+@leaf
 def _look_below(
     ids: NDArray[np.int32],
     below: NDArray[np.int32],
@@ -1159,60 +1278,49 @@ def _look_below(
     widths: NDArray[np.float64],
     round_cap: bool,
     mark: int,
+    spans: NDArray[np.int32],
+    pixels: NDArray[np.int32],
 ) -> None:
-    ids[:], below[:] = -1, -1
-    pixels = np.empty((stamp.size, 2), np.int32)
     first = 0
     for stroke in range(len(counts)):
         mark -= 1
-        for k in range(footprint(stamp, mark, points, first, counts[stroke] // 3, widths[stroke], round_cap, pixels)):
+        n = footprint(stamp, mark, spans, points, first, counts[stroke] // 3, widths[stroke], round_cap, pixels)
+        for k in range(n):
             i, j = pixels[k, 0], pixels[k, 1]
             below[i, j], ids[i, j] = ids[i, j], stroke
         first += counts[stroke]
 
 
-@kernel
-def _keep_covered(
+@leaf
+def _keep_covering(
     photo: Packed,
     stamp: NDArray[np.int32],
+    solid: NDArray[np.bool_],
     points: NDArray[np.float64],
+    firsts: NDArray[np.int64],
     counts: NDArray[np.int64],
     widths: NDArray[np.float64],
     round_cap: bool,
-    spare: float,
+    gone: NDArray[np.int64],
     drop: NDArray[np.bool_],
     mark: int,
     colours: NDArray[np.float64],
+    spans: NDArray[np.int32],
+    pixels: NDArray[np.int32],
 ) -> None:
-    """Take back what is to be dropped and covers a pixel that no other stroke, thinner by `spare`, covers.
-
-    Its colour becomes the mean of the photo there.
-    """
-    solid = np.zeros(stamp.shape, np.uint32)
-    first = 0
-    for stroke in range(len(counts)):
-        if not drop[stroke]:
-            thin = _thinner(widths[stroke], spare)
-            paint_chain(solid, points, first, counts[stroke] // 3, thin, round_cap, np.uint32(1))
-        first += counts[stroke]
-    pixels = np.empty((stamp.size, 2), np.int32)
-    first = 0
-    for stroke in range(len(counts)):
-        if drop[stroke]:
-            mark -= 1
-            thin = _thinner(widths[stroke], spare)
-            n = footprint(stamp, mark, points, first, counts[stroke] // 3, thin, round_cap, pixels)
-            red = green = blue = needed = 0.0
-            for k in range(n):
-                i, j = pixels[k, 0], pixels[k, 1]
-                if solid[i, j] == 0:
-                    solid[i, j] = 1
-                    value = np.int64(photo[i, j])
-                    red += value >> 16
-                    green += (value >> 8) & 255
-                    blue += value & 255
-                    needed += 1.0
-            if needed > 0.0:
-                drop[stroke] = False
-                colours[stroke, 0], colours[stroke, 1], colours[stroke, 2] = red / needed, green / needed, blue / needed
-        first += counts[stroke]
+    for k in range(len(gone)):
+        mark -= 1
+        n = footprint(stamp, mark, spans, points, firsts[k], counts[k] // 3, widths[k], round_cap, pixels)
+        red = green = blue = needed = 0.0
+        for p in range(n):
+            i, j = pixels[p, 0], pixels[p, 1]
+            if not solid[i, j]:
+                solid[i, j] = True
+                value = np.int64(photo[i, j])
+                red += value >> 16
+                green += (value >> 8) & 255
+                blue += value & 255
+                needed += 1.0
+        if needed > 0.0:
+            drop[gone[k]] = False
+            colours[gone[k], 0], colours[gone[k], 1], colours[gone[k], 2] = red / needed, green / needed, blue / needed

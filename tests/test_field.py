@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from strokeplan import field as field_module
 from strokeplan.field import OrientationField, orientation_field, pyramid_factor, structure_tensor, submit_field
@@ -48,6 +48,16 @@ def test_a_linear_ramp_runs_across_its_gradient(angle: float, sigma: float) -> N
     margin = 24 // int(field.scale)
     assert degrees_between(field, angle + np.pi / 2, margin).max() < 0.5
     assert field.samples[margin:-margin, margin:-margin, 2].min() > 0.99
+
+
+@given(
+    st.sampled_from([(40, 90), (7, 5), (1, 9), (30, 20, 3), (12, 12, 1)]), st.floats(0.2, 9), st.integers(0, 1),
+    st.integers(0, 1),
+)  # fmt: skip
+def test_filters_are_scipy_s_to_the_bit(shape: tuple[int, ...], sigma: float, axis: int, order: int) -> None:
+    picture = np.random.default_rng(2).random(shape, dtype=np.float32)
+    expected = gaussian_filter1d(picture, sigma, axis=axis, order=order, mode="nearest", output=np.float32)
+    np.testing.assert_array_equal(field_module._gaussian(picture, sigma, axis, order), expected)
 
 
 def test_white_noise_has_no_orientation_of_its_own() -> None:

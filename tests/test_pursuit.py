@@ -269,11 +269,11 @@ def test_a_close_look_is_the_error_of_the_antialiased_picture(weighted: bool) ->
     shown = seen_closely(work.pursuit)
     assert (shown < 0).any()
     picture = np.floor(antialiased(shown, own_colours(work.pursuit)) + 0.5)
-    work.pursuit.look_closely(Workers())
+    work.pursuit.look_closely()
     assert work.pursuit.error == pytest.approx(weighted_error(work, picture))
     assert work.pursuit.total_error() != pytest.approx(plain, rel=1e-3)
     closely = work.pursuit.error.copy()
-    work.pursuit.look_closely(Workers())
+    work.pursuit.look_closely()
     assert np.array_equal(work.pursuit.error, closely)
 
 
@@ -284,7 +284,7 @@ def test_finished_colours_are_nearly_the_best_there_are(weighted: bool) -> None:
     shown = seen_closely(work.pursuit)
     best = weighted_error(work, antialiased(shown, best_colours(work, shown))).sum()
     means = weighted_error(work, antialiased(shown, own_colours(work.pursuit))).sum()
-    work.pursuit.finish(Workers())
+    work.pursuit.finish()
     finished = antialiased(seen_closely(work.pursuit), own_colours(work.pursuit))
     solved = weighted_error(work, finished).sum()
     assert best <= solved < means
@@ -296,7 +296,7 @@ def test_a_finished_picture_is_the_strokes_antialiased() -> None:
     for work in (unfinished(), Work(blobs(2, 40), 5), Work(np.full((20, 30, 3), 255, np.uint8), 5)):
         if not work.pursuit.layers:
             work.paint(1, rules(5))
-        picture = work.pursuit.finish(Workers())
+        picture = work.pursuit.finish()
         expected = np.floor(antialiased(seen_closely(work.pursuit), own_colours(work.pursuit)) + 0.5)
         assert np.array_equal(unpack(picture), expected)
 
@@ -308,14 +308,14 @@ def test_strokes_that_nobody_sees_go() -> None:
     assert len(seen) < before
     points = np.concatenate([chain for layer in work.pursuit.layers for chain in chains(layer)])
     counts = np.concatenate([layer.counts for layer in work.pursuit.layers])
-    work.pursuit.finish(Workers())
+    work.pursuit.finish()
     kept = np.isin(np.arange(before), seen)
     assert np.array_equal(np.concatenate([layer.counts for layer in work.pursuit.layers]), counts[kept])
     kept_points = np.concatenate([layer.points for layer in work.pursuit.layers])
     assert np.array_equal(kept_points, points[np.repeat(kept, counts)])
     # What is left shows the same, and all of it is seen: a second time nothing goes.
     assert np.array_equal(np.searchsorted(seen, shown[shown >= 0]), seen_closely(work.pursuit)[shown >= 0])
-    work.pursuit.finish(Workers())
+    work.pursuit.finish()
     assert work.pursuit.strokes == len(seen)
 
 
@@ -327,7 +327,7 @@ def test_unseen_strokes_stay_where_they_alone_cover_the_canvas() -> None:
         work.paint(1, rules(24, cover=True, cell=24.0, trigger=2.0**20))
         work.paint(2, rules(9, gain=300.0))
         work.paint(3, rules(4, gain=300.0))
-        work.pursuit.finish(Workers(), spare)
+        work.pursuit.finish(spare)
         prints = [
             footprint(work.picture.shape, chain, max(width - 1, 0.5 * width))
             for layer in work.pursuit.layers
@@ -511,7 +511,7 @@ def test_only_the_colours_of_a_choice_are_used() -> None:
     choice = np.where(bright, 0xEEDDCC, 0x112233).astype(np.uint32)
     work = Work(blobs(60, 80), 6, choice=choice)
     work.paint(1, rules(6))
-    for step in (lambda: work.pursuit.prune(0), lambda: work.pursuit.finish(Workers())):
+    for step in (lambda: work.pursuit.prune(0), lambda: work.pursuit.finish()):
         step()
         assert set(work.pursuit.colours.tolist()) == {0xEEDDCC, 0x112233}
 

@@ -7,12 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from strokeplan.planner import Progress
+
+Result = TypeVar("Result")
 
 
 @contextmanager
@@ -43,6 +47,25 @@ def planning_bar(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
             )
 
         yield show
+
+
+def begin(work: Callable[..., Result], *arguments: object) -> Future[Result]:
+    """Begin `work` in a thread of its own, which nobody waits for when the program ends.
+
+    Its result, or its error, is the future's.
+    """
+    from concurrent.futures import Future
+
+    future: Future[Result] = Future()
+
+    def settle() -> None:
+        try:
+            future.set_result(work(*arguments))
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=settle, daemon=True).start()
+    return future
 
 
 def compile_kernels() -> None:

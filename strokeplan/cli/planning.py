@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from strokeplan.cli.console import compile_kernels, echo_written, planning_bar
+from strokeplan.cli.console import begin, compile_kernels, echo_written, planning_bar
 from strokeplan.cli.options import (
     DetailOption,
     ImageArgument,
@@ -43,10 +43,10 @@ def plan(
     quiet: QuietOption = False,
 ) -> None:
     """Plan the strokes of a photo and write them in one or more formats."""
-    begin = perf_counter()
+    began = perf_counter()
     import msgspec
 
-    from strokeplan import formats, planner, presets
+    from strokeplan import formats, presets
     from strokeplan.image import load_photo
     from strokeplan.palette import parse_palette
 
@@ -55,11 +55,15 @@ def plan(
     style = presets.style(preset, settings)
     if palette is not None:
         style = style.override(msgspec.to_builtins(parse_palette(palette)))
-    reading = perf_counter()
-    photo = load_photo(image)
-    read = perf_counter() - reading
+    reading = begin(load_photo, image)  # while this thread imports Numba
+    from strokeplan import planner
+
+    waiting = perf_counter()
+    photo = reading.result()
+    read = perf_counter() - waiting
     formats.check_canvas(output, photo.width, photo.height)
     compile_kernels()
+    begin(formats.prepare, output)  # while kernels run
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         painted = planner.plan(
@@ -81,7 +85,7 @@ def plan(
             "read": read,
             **reports[0].seconds,
             "write": perf_counter() - writing,
-            "total": perf_counter() - begin,
+            "total": perf_counter() - began,
         }
         typer.echo(_summary(painted, reports[0].error, seconds))
         echo_written(*output)

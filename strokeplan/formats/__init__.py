@@ -6,6 +6,7 @@ import gzip
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 from strokeplan.errors import FormatError, OutputError
@@ -59,6 +60,13 @@ def writer(path: str | os.PathLike[str]) -> Encoder:
         if name.endswith(suffix):
             return WRITERS[suffix]
     raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r}; known are {', '.join(WRITERS)}")
+
+
+def prepare(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Import what `save` will need for these paths, so that it need not be waited for then."""
+    for path in paths:
+        if writer(path) in (WRITERS[".svg"], WRITERS[".svgz"]):
+            import_module("strokeplan.formats.svg")
 
 
 def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
