@@ -37,6 +37,7 @@ from strokeplan.importance import importance_map, load_mask, segments
 from strokeplan.merging import merge
 from strokeplan.painting import (
     BEND_WIDTHS,
+    Brush,
     LayerStrokes,
     Workers,
     layer_brush,
@@ -63,6 +64,9 @@ LARGEST_ENLARGEMENT = 4.0
 UNSEEN = 290.0
 """Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
 10 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
+SIMPLIFY_SHARE, FIT_SHARE = 0.06, 0.2
+"""Tolerances of strokes kept by gain are no less than these parts of the brush's width. What such a stroke gains is
+measured on the fitted curve, so a loose fit costs nothing but detail that a brush so wide does not show."""
 PRUNE = 0.5
 """Before the last layer strokes are dropped that are missed by less than this part of what a stroke must gain."""
 DECIMALS = 2
@@ -292,7 +296,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
                 picture.prune(PRUNE * least, spare_first=preset.cover)
                 picture.look_closely(workers)
             tell = job.teller(number, picture.strokes, picture.mean_distance)
-            brush, rules = layer_brush(preset, layer), _rules(job, layer, number, least, uneven)
+            brush, rules = _brush(preset, layer), _rules(job, layer, number, least, uneven)
             picture.paint_layer(fields[number - 1], brush, rules, wander_key((job.seed, number)), workers, tell)
             if preset.merge > 0 and not rules.cover:  # merged strokes might let the canvas through
                 picture.merge(brush, preset.merge)
@@ -304,6 +308,17 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
     canvas = best.finish(workers, job.spare if preset.cover and most is None else None)
     return best.layers, canvas
+
+
+def _brush(preset: Preset, layer: LayerPreset) -> Brush:
+    """The brush of a layer of a pursuit."""
+    brush = layer_brush(preset, layer)
+    if preset.keep != "gain":
+        return brush
+    return brush._replace(
+        simplify_tolerance=max(brush.simplify_tolerance, SIMPLIFY_SHARE * brush.width),
+        fit_tolerance=max(brush.fit_tolerance, FIT_SHARE * brush.width),
+    )
 
 
 def _rules(job: _Job, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
