@@ -205,13 +205,15 @@ def _add(bench: _Bench, strokes: _Strokes, rules: _Rules, n: int, most: int) -> 
 
 @kernel
 def _better(bench: _Bench, strokes: _Strokes, rules: _Rules, n: int) -> None:
-    """Better each stroke in its place."""
-    for k in range(rules.ground, n):
+    """Better each stroke in its place; of those that stay as they are, the colour."""
+    for k in range(n):
         chain, width = strokes.chains[k], strokes.widths[k]
         window = _window(bench, chain, width, REACH * width)
         _expose(bench, strokes, rules, n, k, window)
-        width, gain, colour = _climb(bench, bench.seen, bench.bare, rules, window, chain, width, MOVES)
-        strokes.widths[k], strokes.worth[k] = width, gain
+        width, gain, colour = _climb(
+            bench, bench.seen, bench.bare, rules, window, chain, width, MOVES if k >= rules.ground else 0
+        )
+        strokes.widths[k], strokes.worth[k] = width, gain if k >= rules.ground else np.inf
         if gain > 0.0:
             strokes.colours[k] = colour
         _hide(bench, window)
