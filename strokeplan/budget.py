@@ -14,6 +14,11 @@ from strokeplan.pursuit import Pursuit
 MAX_STROKES = 10_000_000
 DETAIL_RANGE = 16.0
 """What a stroke must gain is divided by this at detail 1, and multiplied at detail 0; thresholds by its root."""
+SEARCHED = 800
+"""No more strokes than this are searched for one by one, which takes as long for any number and pays for few."""
+FINEST, FINEST_EXPONENT = 25.0, -0.25
+"""The finest brush of a search: for a single stroke, in thousandths of √(width · height), and the power of their number
+with which it falls. The picture's resolution follows from it; the search rarely goes as fine."""
 FEW = 4.0
 """The widest brush for a budget is as wide as squares so many times as large as the strokes' share of the canvas."""
 LONGEST, BROADEST_SIGMA = 1000.0, 30.0
@@ -51,8 +56,9 @@ def for_detail(preset: Preset, detail: float | None) -> Preset:
 
 
 def for_strokes(preset: Preset, strokes: int | None) -> Preset:
-    """The preset for at most so many strokes, which are kept by gain: for few strokes, with wider brushes in
-    front and the canvas covered by a single stroke, as by a ground. Raises InputError."""
+    """The preset for at most so many strokes, which are kept by gain: for few strokes, with wider brushes in front and
+    the canvas covered by a single stroke, as by a ground; where each is searched for, with a single layer for all
+    widths, whose own is the finest. Raises InputError."""
     if strokes is None:
         return preset
     if not 1 <= strokes <= MAX_STROKES:
@@ -60,6 +66,9 @@ def for_strokes(preset: Preset, strokes: int | None) -> Preset:
     preset = msgspec.structs.replace(preset, keep="gain")
     if preset.lengths == "pixels":
         return preset
+    if searched(preset, strokes):
+        finest = msgspec.structs.replace(preset.layers[0], width=FINEST * strokes**FINEST_EXPONENT)
+        return msgspec.structs.replace(preset, layers=(finest,))
     first, needed = preset.layers[0], 1000 * sqrt(FEW / strokes)
     layers = list(preset.layers)
     while needed > 1.5 * first.width and len(layers) + len(ROUNDS) < MAX_LAYERS:
@@ -73,6 +82,14 @@ def for_strokes(preset: Preset, strokes: int | None) -> Preset:
     if len(layers) > len(preset.layers) and preset.cover:
         layers.insert(0, msgspec.structs.replace(first, width=GROUND, length=1.0, min_length=0.0))
     return msgspec.structs.replace(preset, layers=tuple(layers))
+
+
+def searched(preset: Preset, strokes: int | None) -> bool:
+    """Whether each stroke is searched for: they are few, and a preset asks for nothing but nearness to the photo."""
+    if strokes is None or strokes > SEARCHED or preset.lengths == "pixels" or preset.seeding != "worst-first":
+        return False
+    further = (preset.palette, preset.palette_size, preset.regions, preset.thin, preset.merge, preset.wander)
+    return not any(further)
 
 
 def best_within(most: int, gain: float, pursue: Callable[[float], Pursuit]) -> Pursuit:

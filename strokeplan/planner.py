@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from math import sqrt
+from math import floor, log10, sqrt
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from strokeplan import budget, painting, pursuit
+from strokeplan import budget, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError
 from strokeplan.field import Orientation, OrientationField, submit_field
@@ -37,6 +37,7 @@ from strokeplan.importance import check_mask, importance_map, load_mask, segment
 from strokeplan.merging import merge
 from strokeplan.painting import (
     BEND_WIDTHS,
+    Brush,
     LayerStrokes,
     Workers,
     layer_brush,
@@ -63,10 +64,15 @@ LARGEST_ENLARGEMENT = 4.0
 UNSEEN = 290.0
 """Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
 10 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
+SIMPLIFY_SHARE, FIT_SHARE = 0.06, 0.2
+"""Tolerances of strokes kept by gain are no less than these parts of the brush's width. What such a stroke gains is
+measured on the fitted curve, so a loose fit costs nothing but detail that a brush so wide does not show."""
 PRUNE = 0.5
 """Before the last layer strokes are dropped that are missed by less than this part of what a stroke must gain."""
 DECIMALS = 2
-"""Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file."""
+"""Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file, or of a coarser power of ten …"""
+GRID_SHARE = 1 / 40
+"""… if that is no more than this part of its finest stroke's width: nobody sees the rest, and files carry it."""
 ERROR_STRIDE = 8
 """The error shown while planning is measured on every 8th pixel both ways."""
 
@@ -135,7 +141,7 @@ def plan(
     spare = max(work.width / photo.width, 1.0)
     job = _Job(work, _working_preset(style, work, spare), spare, seed, _mask(mask, photo), progress)
     with _workers(threads) as workers:
-        layers, canvas = _paint_by_threshold(job, workers) if job.as_in_the_paper else _pursue(job, strokes, workers)
+        layers, canvas = _painted(job, style, strokes, workers)
         if report is not None:
             report(Report(job.seconds, _canvas_error(job.pixels, canvas, 1), unpack(canvas)))
         colours = [
@@ -242,6 +248,15 @@ def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDAr
     return values
 
 
+def _painted(job: _Job, style: Preset, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+    """Strokes of all layers in the way that suits the preset and the budget, and the canvas."""
+    if job.as_in_the_paper:
+        return _paint_by_threshold(job, workers)
+    if most is not None and budget.searched(style, most):
+        return _search(job, most, workers)
+    return _pursue(job, most, workers)
+
+
 def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """The paper's way: strokes of all layers, and the canvas."""
     canvas = np.full_like(job.pixels, job.background)
@@ -266,14 +281,43 @@ def _paint_by_threshold(job: _Job, workers: Workers) -> tuple[list[LayerStrokes]
     return layers, canvas
 
 
+def _weight(job: _Job) -> NDArray[np.float32]:
+    """(h, w) how much the error of a pixel counts."""
+    preset = job.preset
+    if job.mask is None and not preset.importance:
+        return np.ones(job.pixels.shape, np.float32)
+    importance = importance_map(job.photo.rgb, mask=job.mask, use=preset.importance)
+    weight: NDArray[np.float32] = np.exp2(2 * preset.importance_strength * (2 * importance - 1)).astype(np.float32)
+    return weight
+
+
+def _search(job: _Job, most: int, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+    """At most so many strokes, each searched for, and the canvas."""
+    preset, weight, began = job.preset, _weight(job), perf_counter()
+    picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round")
+    strokes = search.search(
+        job.pixels,
+        weight,
+        most,
+        finest=preset.layers[0].width,
+        least=preset.gain * 1e-6 * UNSEEN * weight.size,
+        cover=preset.cover,
+        background=job.background,
+        round_cap=preset.cap == "round",
+        key=wander_key((job.seed, 1)),
+        tell=lambda done, total, laid, error: job.teller(1, 0, lambda: error)(done, total, laid),
+    )
+    picture.layers.append(strokes)
+    canvas = picture.finish(workers)
+    job.waited("strokes", began)
+    return picture.layers, canvas
+
+
 def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """Strokes of all layers kept by a pursuit, at most so many, and the canvas."""
     waiting = _fields(job, workers)
     preset, photo = job.preset, job.photo
-    weight = np.ones(job.pixels.shape, np.float32)
-    if job.mask is not None or preset.importance:
-        importance = importance_map(photo.rgb, mask=job.mask, use=preset.importance)
-        weight = np.exp2(2 * preset.importance_strength * (2 * importance - 1)).astype(np.float32)
+    weight = _weight(job)
     uneven = float(weight.min()) < float(weight.max())
     regions = segments(photo.rgb, preset.regions) if preset.regions else None
     choice = None if job.palette is None else pack(color_table(job.palette)[None])[0]
@@ -292,7 +336,7 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
                 picture.prune(PRUNE * least, spare_first=preset.cover)
                 picture.look_closely()
             tell = job.teller(number, picture.strokes, picture.mean_distance)
-            brush, rules = layer_brush(preset, layer), _rules(job, layer, number, least, uneven)
+            brush, rules = _brush(preset, layer), _rules(job, layer, number, least, uneven)
             picture.paint_layer(fields[number - 1], brush, rules, wander_key((job.seed, number)), workers, tell)
             if preset.merge > 0 and not rules.cover:  # merged strokes might let the canvas through
                 picture.merge(brush, preset.merge)
@@ -304,6 +348,17 @@ def _pursue(job: _Job, most: int | None, workers: Workers) -> tuple[list[LayerSt
     best = pursue(preset.gain) if most is None else budget.best_within(most, preset.gain, pursue)
     canvas = best.finish(job.spare if preset.cover and most is None else None)
     return best.layers, canvas
+
+
+def _brush(preset: Preset, layer: LayerPreset) -> Brush:
+    """The brush of a layer of a pursuit."""
+    brush = layer_brush(preset, layer)
+    if preset.keep != "gain":
+        return brush
+    return brush._replace(
+        simplify_tolerance=max(brush.simplify_tolerance, SIMPLIFY_SHARE * brush.width),
+        fit_tolerance=max(brush.fit_tolerance, FIT_SHARE * brush.width),
+    )
 
 
 def _rules(job: _Job, layer: LayerPreset, number: int, gain: float, uneven: bool) -> Rules:
@@ -327,7 +382,7 @@ def _rules(job: _Job, layer: LayerPreset, number: int, gain: float, uneven: bool
 
 def compiled() -> bool:
     """Whether the kernels are in Numba's cache; if not, the first plan compiles them."""
-    return painting.compiled() and pursuit.compiled()
+    return painting.compiled() and pursuit.compiled() and search.compiled()
 
 
 def warm_up() -> None:
@@ -335,6 +390,7 @@ def warm_up() -> None:
     picture = np.zeros((32, 32, 3), np.uint8)
     picture[:, 12:20] = 255
     plan(picture, "fine", threads=2)
+    plan(picture, "fine", strokes=2, threads=1)
     for widest in (0, 2):  # the adaptive field has kernels of its own
         plan(picture, load_preset("paper").override({"max_integration_sigma": widest}), threads=2)
 
@@ -476,12 +532,14 @@ def _assemble(
 def _on_canvas(plan: StrokePlan, photo: Photo, settings: dict[str, Any]) -> StrokePlan:
     """A plan in pixels of its photo, its coordinates rounded."""
     scale = np.array([photo.width / plan.width, photo.height / plan.height])
+    widths = plan.widths * sqrt(scale[0] * scale[1])
+    decimals = min(-floor(log10(GRID_SHARE * widths.min())), DECIMALS) if len(widths) else DECIMALS
     return replace(
         plan,
         width=photo.width,
         height=photo.height,
-        points=np.round(plan.points * scale, DECIMALS) + 0.0,
-        widths=plan.widths * sqrt(scale[0] * scale[1]),
+        points=np.round(plan.points * scale, decimals) + 0.0,
+        widths=np.round(widths, decimals + 1),
         settings=settings,
         source=Source(photo.name, photo.sha256, photo.width, photo.height),
     )

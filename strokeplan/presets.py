@@ -47,9 +47,9 @@ class LayerPreset(LayerColors, frozen=True, forbid_unknown_fields=True, kw_only=
     min_length: Length = 0.0
     """Tracts shorter than this are dropped."""
     simplify_tolerance: Length = 0.25
-    """Furthest that Ramer–Douglas–Peucker may move the tract."""
+    """Furthest that Ramer–Douglas–Peucker may move the tract; by gain, a part of the width if that is more."""
     fit_tolerance: Annotated[float, Meta(ge=LEAST_LENGTHS["fit_tolerance"], le=MAX_LENGTH)] = 0.75
-    """Furthest that a fitted curve may stray from the simplified tract."""
+    """Furthest that a fitted curve may stray from the simplified tract; by gain, likewise."""
 
 
 LAYER_LENGTHS = ("sigma", "length", "width", "min_length", "simplify_tolerance", "fit_tolerance")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 import strokeplan
-from strokeplan.budget import MAX_STROKES, for_detail, for_strokes
+from strokeplan.budget import MAX_STROKES, SEARCHED, for_detail, for_strokes, searched
 from strokeplan.formats import json as strokes_json
 from strokeplan.planner import Report
 from strokeplan.presets import MAX_LAYERS, Preset, load_preset
@@ -58,13 +58,19 @@ def test_more_strokes_are_a_better_picture(picture: Picture, coarse: Preset) -> 
 
 def test_a_budget_beyond_need_is_not_spent(coarse: Preset) -> None:
     flat = np.full((40, 60, 3), 90, np.uint8)
-    plan, error = planned(flat, coarse, strokes=5000)
-    assert len(plan) < 1000
-    assert error == 0
+    for most, needed in ((5000, 1000), (500, 1)):
+        plan, error = planned(flat, coarse, strokes=most)
+        assert len(plan) <= needed
+        assert error == 0
 
 
 def test_a_plan_within_a_budget_is_made_again_from_its_settings(picture: Picture, coarse: Preset) -> None:
-    plan = strokeplan.plan(picture, coarse, 3, strokes=60)
+    assert_made_again(picture, coarse, 60)
+    assert_made_again(picture, coarse, SEARCHED + 1)
+
+
+def assert_made_again(picture: Picture, coarse: Preset, most: int) -> None:
+    plan = strokeplan.plan(picture, coarse, 3, strokes=most, threads=1)
     preset = msgspec.convert(plan.settings["preset"], Preset)
     again = strokeplan.plan(picture, preset, plan.settings["seed"], strokes=plan.settings["strokes"])
     assert strokes_json.encode(again) == strokes_json.encode(plan)
@@ -93,15 +99,40 @@ def test_detail_half_is_the_preset_as_it_stands() -> None:
 
 @pytest.mark.parametrize("width", [0.5, 3, 40, 400])
 @pytest.mark.parametrize("own", [1, 20, 32])
-@pytest.mark.parametrize("strokes", [1, 30, 10_000])
+@pytest.mark.parametrize("strokes", [1, 30, SEARCHED + 1, 10_000])
 def test_a_preset_for_few_strokes_is_sound(width: float, own: int, strokes: int) -> None:
     """However many layers and however fine a brush it begins with; and asked for again it is the same."""
     layer = {"sigma": 1, "length": 50, "width": width}
     preset = for_strokes(load_preset("fine").override({"layers": [layer] * own}), strokes)
     assert own <= len(preset.layers) <= MAX_LAYERS
     assert msgspec.convert(msgspec.to_builtins(preset), Preset) == preset
-    assert preset.layers[len(preset.layers) - own :] == load_preset("fine").override({"layers": [layer] * own}).layers
     assert for_strokes(preset, strokes) == preset
+    if searched(preset, strokes):
+        assert len(preset.layers) == 1
+    else:
+        own_layers = load_preset("fine").override({"layers": [layer] * own}).layers
+        assert preset.layers[len(preset.layers) - own :] == own_layers
+
+
+@pytest.mark.parametrize(
+    "asked", [{"palette_size": 4}, {"regions": 9}, {"thin": 5}, {"merge": 9}, {"wander": 0.5}, {"seeding": "even"}]
+)
+def test_strokes_are_not_searched_for_where_a_preset_asks_for_more_than_nearness(asked: dict[str, object]) -> None:
+    fine = load_preset("fine")
+    assert searched(fine, SEARCHED)
+    assert not searched(fine, SEARCHED + 1)
+    assert not searched(fine.override(asked), 10)
+    assert len(for_strokes(fine.override(asked), 10).layers) > 1
+
+
+def test_a_picture_of_few_strokes_is_far_ahead_of_as_many_squares(picture: Picture, coarse: Preset) -> None:
+    plan = strokeplan.plan(picture, coarse, strokes=77)
+    shown = strokeplan.render(plan).astype(float)
+    squares = picture.reshape(8, 10, 10, 11, 3).mean(axis=(1, 3), keepdims=True)
+    by_squares = ((picture.reshape(8, 10, 10, 11, 3) - squares) ** 2).mean()
+    assert len(plan) <= 77
+    assert plan.cubics == len(plan)
+    assert ((shown - picture) ** 2).mean() < 0.5 * by_squares
 
 
 def test_strokes_of_the_paper_s_preset_can_be_limited_too(picture: Picture) -> None:
