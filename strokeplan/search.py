@@ -80,6 +80,7 @@ class _Bench(NamedTuple):
     seen: NDArray[np.float32]
     """… and the weight, both 0 where it is not seen."""
     stamp: NDArray[np.int32]
+    spans: NDArray[np.int32]
     pixels: NDArray[np.int32]
     trial: NDArray[np.float64]
     fresh: NDArray[np.float64]
@@ -168,8 +169,8 @@ def _bench(photo: Packed, weight: NDArray[np.float32]) -> _Bench:
     error, bare, seen = (np.empty(photo.shape, np.float32) for _ in range(3))
     return _Bench(
         photo, weight, error, np.empty_like(photo), np.empty_like(photo), bare, seen,
-        np.zeros(photo.shape, np.int32), np.empty((photo.size, 2), np.int32), np.empty((4, 2)), np.empty((4, 2)),
-        np.zeros(3, np.int64),
+        np.zeros(photo.shape, np.int32), np.zeros((len(photo), 3), np.int32), np.empty((photo.size, 2), np.int32),
+        np.empty((4, 2)), np.empty((4, 2)), np.zeros(3, np.int64),
     )  # fmt: skip
 
 
@@ -256,7 +257,7 @@ def _lay(bench: _Bench, strokes: _Strokes, rules: _Rules, k: int, width: float, 
         strokes.chains[k, p, 0], strokes.chains[k, p, 1] = bench.fresh[p, 0], bench.fresh[p, 1]
     strokes.widths[k], strokes.colours[k], strokes.worth[k] = width, colour, np.inf
     bench.state[_MARK] += 1
-    n = footprint(bench.stamp, bench.state[_MARK], bench.fresh, 0, 1, width, rules.round_cap, bench.pixels)
+    n = footprint(bench.stamp, bench.state[_MARK], bench.spans, bench.fresh, 0, 1, width, rules.round_cap, bench.pixels)
     for q in range(n):
         i, j = bench.pixels[q, 0], bench.pixels[q, 1]
         bench.error[i, j] = bench.weight[i, j] * _squared_distance(bench.photo[i, j], colour)
@@ -413,7 +414,7 @@ def _gain(
     if (left > 0 and near < left) or (right < columns and far > right):
         return 0.0, np.uint32(0)
     bench.state[_MARK] += 1
-    n = footprint(bench.stamp, bench.state[_MARK], chain, 0, 1, width, rules.round_cap, bench.pixels)
+    n = footprint(bench.stamp, bench.state[_MARK], bench.spans, chain, 0, 1, width, rules.round_cap, bench.pixels)
     bench.state[_WORK] += n + _FIXED
     old = weights = red = green = blue = squares = 0.0
     for q in range(n):
@@ -450,7 +451,7 @@ def _show(
 ) -> None:
     """The error of the picture with it."""
     bench.state[_MARK] += 1
-    n = footprint(bench.stamp, bench.state[_MARK], chain, 0, 1, width, rules.round_cap, bench.pixels)
+    n = footprint(bench.stamp, bench.state[_MARK], bench.spans, chain, 0, 1, width, rules.round_cap, bench.pixels)
     for q in range(n):
         i, j = bench.pixels[q, 0], bench.pixels[q, 1]
         if bench.seen[i, j] > 0.0:
