@@ -73,8 +73,9 @@ def paint_chain(
             # Inner joints are round whatever the caps; painted once, as the end of the edge before them.
             round_b = round_cap or k < n or piece < pieces - 1
             top, bottom = _edge_rows(canvas.shape[0], ay, by, radius)
+            dx, dy, length = _edge_direction(ax, ay, bx, by)
             for i in range(top, bottom):
-                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
+                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, dx, dy, length, radius, round_a, round_b)
                 canvas[i, first:last] = colour
             ax, ay, round_a = bx, by, False
 
@@ -106,8 +107,9 @@ def paint_once(
             bx, by = point(chain, c, k / n)
             round_b = round_cap or k < n or piece < pieces - 1
             top, bottom = _edge_rows(canvas.shape[0], ay, by, radius)
+            dx, dy, length = _edge_direction(ax, ay, bx, by)
             for i in range(top, bottom):
-                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
+                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, dx, dy, length, radius, round_a, round_b)
                 if first < last:
                     left, right = _unseen(spans, mark, i, first, last)
                     for j in range(first, left):
@@ -146,8 +148,9 @@ def footprint(
             bx, by = point(chain, c, k / n)
             round_b = round_cap or k < n or piece < pieces - 1
             top, bottom = _edge_rows(stamp.shape[0], ay, by, radius)
+            dx, dy, length = _edge_direction(ax, ay, bx, by)
             for i in range(top, bottom):
-                first, last = _edge_span(stamp.shape[1], i, ax, ay, bx, by, radius, round_a, round_b)
+                first, last = _edge_span(stamp.shape[1], i, ax, ay, bx, by, dx, dy, length, radius, round_a, round_b)
                 if first >= last:
                     continue
                 left, right = _unseen(spans, mark, i, first, last)
@@ -181,15 +184,32 @@ def _edge_rows(rows: int, ay: float, by: float, radius: float) -> tuple[int, int
 
 
 @leaf
-def _edge_span(
-    cols: int, i: int, ax: float, ay: float, bx: float, by: float, radius: float, round_a: bool, round_b: bool
-) -> tuple[int, int]:
-    """The pixels (first, last + 1) of row i in the rectangle of half width `radius` around a–b, and in the
-    discs at its ends that are asked for."""
+def _edge_direction(ax: float, ay: float, bx: float, by: float) -> tuple[float, float, float]:
+    """Unit vector and length of an edge; (0, 0) if it has none."""
     dx, dy = bx - ax, by - ay
     length = np.sqrt(dx * dx + dy * dy)
     if length > 0.0:
         dx, dy = dx / length, dy / length
+    return dx, dy, length
+
+
+@leaf
+def _edge_span(
+    cols: int,
+    i: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    dx: float,
+    dy: float,
+    length: float,
+    radius: float,
+    round_a: bool,
+    round_b: bool,
+) -> tuple[int, int]:
+    """The pixels (first, last + 1) of row i in the rectangle of half width `radius` around a–b, and in the
+    discs at its ends that are asked for. `dx`, `dy`, `length` are the edge's direction."""
     y = i + 0.5
     left, right = 1e30, -1e30
     if round_a and abs(y - ay) <= radius:
