@@ -91,7 +91,12 @@ class PlanStrokes(inkex.EffectExtension):
         environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONHOME", "PYTHONPATH")}
         try:
             ended = subprocess.run(
-                [*command, *words], stdin=subprocess.DEVNULL, capture_output=True, env=environment, check=False
+                [*command, *words],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                env=environment,
+                check=False,
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows a console would pop up
             )
         except OSError as error:
             raise inkex.AbortExtension(f"{command[0]}: cannot be run ({error.strerror}).") from None
