@@ -34,7 +34,7 @@ PROBES = 4
 PROBE_MARGIN = 0.77
 """The fit aims at this part of its tolerance. The distance of a cubic across a straight edge is a cubic
 polynomial, which can exceed its largest value at 5 equally spaced points by no more than a factor of 1/0.77."""
-MAX_VERTICES = 50_000_000
+MAX_VERTICES = 10_000_000
 """Most that many chains become at once: more than a page can show, and what an absurd tolerance would ask for."""
 MAX_HANDLE = 2.0 / 3.0
 """Longest handle, as a part of the arc it spans; half a circle needs 0.42."""
