@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from strokeplan.errors import InputError
 from strokeplan.jit import kernel, leaf
 
 MAX_REFITS = 4
@@ -33,6 +34,8 @@ PROBES = 4
 PROBE_MARGIN = 0.77
 """The fit aims at this part of its tolerance. The distance of a cubic across a straight edge is a cubic
 polynomial, which can exceed its largest value at 5 equally spaced points by no more than a factor of 1/0.77."""
+MAX_VERTICES = 10_000_000
+"""Most that many chains become at once: more than a page can show, and what an absurd tolerance would ask for."""
 MAX_HANDLE = 2.0 / 3.0
 """Longest handle, as a part of the arc it spans; half a circle needs 0.42."""
 
@@ -72,6 +75,35 @@ def flatten(chain: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]
         s = 1 - t
         parts.append(s**3 * p[0] + 3 * s**2 * t * p[1] + 3 * s * t**2 * p[2] + t**3 * p[3])
     return np.concatenate(parts)
+
+
+def flatten_all(
+    points: NDArray[np.float64], starts: NDArray[np.int64], tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """`flatten` of many chains at once, `points` (p, 2) and `starts` (n + 1,) as a StrokePlan has them.
+
+    Returns the vertices (v, 2) of all polylines, and (n + 1,) where each begins. Raises InputError for a
+    tolerance that would take more than MAX_VERTICES.
+    """
+    pieces = np.diff(starts) // 3
+    firsts = np.concatenate([[0], np.cumsum(pieces)])  # the first piece of every chain
+    p = points[(3 * np.arange(firsts[-1]) + np.repeat(starts[:-1] - 3 * firsts[:-1], pieces))[:, None] + np.arange(4)]
+    bend = np.max(np.sum((p[:, :-2] - 2 * p[:, 1:-1] + p[:, 2:]) ** 2, axis=2), axis=1)
+    steps = np.maximum(np.ceil(np.sqrt(0.75 * np.sqrt(bend) / tolerance)), 1)  # Wang's bound, as in `subdivisions`
+    if steps.sum() > MAX_VERTICES:
+        raise InputError(f"tolerance {tolerance:g} takes {steps.sum():.2g} points, above {MAX_VERTICES:,}; raise it")
+    steps = steps.astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum(steps)])
+    begins = ends[firsts] + np.arange(len(firsts))
+    t = ((np.arange(ends[-1]) - np.repeat(ends[:-1], steps) + 1) / np.repeat(steps, steps))[:, None]
+    s = 1 - t
+    weights = (s**3, 3 * s**2 * t, 3 * s * t**2, t**3)
+    vertices = np.empty((begins[-1], 2))
+    inner = np.ones(len(vertices), np.bool_)
+    inner[begins[:-1]] = False
+    vertices[begins[:-1]] = points[starts[:-1]]
+    vertices[inner] = sum(weight * np.repeat(p[:, k], steps, axis=0) for k, weight in enumerate(weights))
+    return vertices, begins
 
 
 class Scratch(NamedTuple):

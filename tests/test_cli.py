@@ -35,7 +35,7 @@ from strokeplan.errors import ImageError
 from strokeplan.evaluate import COLUMNS
 from strokeplan.presets import names
 
-COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "montage", "presets")
+COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "inkscape", "montage", "presets")
 FORMATS = (".json", ".json.gz", ".svg", ".svgz", ".png")
 PAPER = ("--preset", "paper")
 TINY = (*PAPER, "--set", "layers.1.width=16", "--set", "layers.1.sigma=3")
@@ -413,7 +413,9 @@ def test_version(cli: Cli) -> None:
     assert cli("--version") == Ended(0, f"strokeplan {strokeplan.__version__}\n", "")
 
 
-@pytest.mark.parametrize("path", [(), *((name,) for name in COMMANDS), ("presets", "show"), ("presets", "check")])
+@pytest.mark.parametrize(
+    "path", [(), *((name,) for name in COMMANDS), ("presets", "show"), ("presets", "check"), ("inkscape", "install")]
+)
 def test_every_command_has_help(cli: Cli, path: tuple[str, ...]) -> None:
     for flag in ("--help", "-h"):
         ended = cli(*path, flag)

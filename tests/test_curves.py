@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from strokeplan import curves
-from strokeplan.curves import fit_tract, flatten, simplify, subdivisions
+from strokeplan.curves import fit_tract, flatten, flatten_all, simplify, subdivisions
+from strokeplan.errors import InputError
 
 Points = NDArray[np.float64]
 CORPUS = Path(__file__).parent / "golden" / "tracts.json"
@@ -150,6 +151,24 @@ def test_flattening_stays_on_the_curve(points: Points, tolerance: float) -> None
     if len(chain):
         line = flatten(chain, tolerance)
         assert shapely.distance(shapely.points(on_chain(chain)), shapely.LineString(line)).max() <= tolerance + 1e-9
+
+
+@given(lines=st.lists(polylines(max_size=6), max_size=4), tolerance=st.floats(0.01, 2))
+def test_many_chains_are_flattened_as_each_alone(lines: list[Points], tolerance: float) -> None:
+    chains = [chain for chain in (fit_tract(points, 0.0, 5.0) for points in lines) if len(chain)]
+    points = np.concatenate([np.empty((0, 2)), *chains])
+    starts = np.cumsum([0, *map(len, chains)])
+    vertices, begins = flatten_all(points, starts, tolerance)
+    assert len(begins) == len(chains) + 1
+    assert begins[-1] == len(vertices)
+    for chain, a, b in zip(chains, begins, begins[1:], strict=False):
+        assert np.allclose(vertices[a:b], flatten(chain, tolerance), rtol=1e-12, atol=1e-9)
+
+
+def test_absurd_tolerance_is_refused_before_memory_is_taken() -> None:
+    piece = np.array([[0, 0], [0, 1e7], [1e7, 1e7], [1e7, 0.0]])
+    with pytest.raises(InputError, match="raise it"):
+        flatten_all(piece, np.array([0, 4]), 1e-9)
 
 
 def test_flattening_spends_no_more_than_wangs_bound() -> None:
