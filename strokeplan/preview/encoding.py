@@ -44,14 +44,14 @@ def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
     """Header and zlib-compressed columns; the same plan gives the same bytes."""
     widths, width_index = _width_table(plan)
     pens = sorted({pen for pen in plan.pens or () if pen is not None})
-    pressure = bool(plan.has_pressure.any())
     step = max(plan.width, plan.height) / GRID
     columns = [varint(plan.counts // 3), *_geometry(plan, step), varint(width_index), *_colors(plan)]
-    if pressure:
-        columns += _pressures(plan)
+    pressures = plan.pressures if plan.has_pressure.any() else None
+    if pressures is not None:
+        columns += _pressures(plan, pressures)
     if pens:
-        index = {None: 0, **{pen: i for i, pen in enumerate(pens, start=1)}}
-        columns.append(varint(np.array([index[pen] for pen in plan.pens or ()], np.int64)))
+        index: dict[str | None, int] = {None: 0, **{pen: i for i, pen in enumerate(pens, start=1)}}
+        columns.append(varint(np.array([index[pen] for pen in plan.pens or ()])))
     header = {
         "version": VERSION,
         "title": plan.source.name if plan.source else "strokeplan",
@@ -67,7 +67,7 @@ def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
             for layer in plan.layers
         ],
         "widths": widths,
-        "pressure": pressure,
+        "pressure": pressures is not None,
         "pens": pens,
     }
     return header, zlib.compress(b"".join(columns), 9)
@@ -75,7 +75,7 @@ def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
 
 def varint(values: Ints) -> bytes:
     """Values of 0 … 2³² − 1, seven bits a byte, lowest first, the eighth bit set where more follow."""
-    sizes = 1 + sum((values >= 1 << bits).astype(np.int64) for bits in (7, 14, 21, 28))
+    sizes = 1 + np.searchsorted(1 << np.array([7, 14, 21, 28]), values, side="right")
     at = np.cumsum(sizes) - sizes
     out = np.empty(int(np.sum(sizes)), np.uint8)
     for k in range(5):
@@ -115,9 +115,8 @@ def _colors(plan: StrokePlan) -> list[bytes]:
     return [green.tobytes(), (red - green).tobytes(), (blue - green).tobytes()]  # uint8 wraps
 
 
-def _pressures(plan: StrokePlan) -> list[bytes]:
-    assert plan.pressures is not None
+def _pressures(plan: StrokePlan, pressures: NDArray[np.float64]) -> list[bytes]:
     pressed = plan.has_pressure
     along = np.repeat(pressed, plan.knots)
-    values = np.rint(255 * plan.pressures[along]).astype(np.int64)
+    values = np.rint(255 * pressures[along]).astype(np.int64)
     return [pressed.astype(np.uint8).tobytes(), zigzag(np.diff(values, prepend=0))]

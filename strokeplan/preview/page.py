@@ -12,17 +12,34 @@ import html
 import io
 from hashlib import sha256
 from importlib.resources import files
+from pathlib import Path
 from string import Template
 
 import msgspec
 
-from strokeplan.errors import MissingExtraError
+from strokeplan.errors import FormatError, MissingExtraError
+from strokeplan.files import atomic_write
 from strokeplan.preview.encoding import encode as encode_strokes
 from strokeplan.strokes import StrokePlan
 
+SUFFIXES = (".html", ".htm")
 SCRIPTS = ("decode", "geometry", "painter", "view", "stage", "gestures", "panel", "controls", "main")
 POSTER_SIDE = 720
 POSTER_QUALITY = 75
+
+
+def check_page(path: str | Path) -> None:
+    """Raise FormatError for a suffix that no page has."""
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a page; known is .html")
+
+
+def save_page(plan: StrokePlan, path: str | Path) -> None:
+    """Write the page of a plan to `path`, .html, whole or not at all. Raises FormatError, OutputError."""
+    check_page(path)
+    data = encode(plan)
+    with atomic_write(path) as stream:
+        stream.write(data)
 
 
 def encode(plan: StrokePlan) -> bytes:

@@ -74,7 +74,16 @@ function report(app) {
   }
   const shown = `${view.scale} ${view.left} ${view.top} ${painted}`;
   if (app.shown !== shown) $("picture").dataset.shown = app.shown = shown;
-  if (app.marked !== view) drawMark(app);
+  if (app.marked === view) return;
+  drawMark(app);
+  placePaper(app.plan, view);
+}
+
+// The shadow of the paper is an element's: a filter on the canvas would cost more than painting does.
+function placePaper(plan, { scale, left, top }) {
+  const ratio = window.devicePixelRatio || 1;
+  const sides = { left, top, width: plan.width * scale, height: plan.height * scale };
+  for (const [side, length] of Object.entries(sides)) $("paper").style[side] = `${length / ratio}px`;
 }
 
 function fit(app) {
