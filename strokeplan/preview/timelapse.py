@@ -79,8 +79,8 @@ def save_time_lapse(
     durations[-1] += round(1000 * HOLD_S)
     gif = Path(path).suffix.lower() == ".gif"
     pictures = _told(_pictures(plan, size, np.arange(1, len(ends) + 1) / len(ends)), len(ends), progress)
-    frames = _indexed(pictures, _palette(plan, size)) if gif else pictures
-    options: dict[str, Any] = {} if gif else {"quality": WEBP_QUALITY, "method": 4}
+    frames = _indexed(pictures, _palette(plan, size), plan.background) if gif else pictures
+    options: dict[str, Any] = {"optimize": False} if gif else {"quality": WEBP_QUALITY, "method": 4}
     with atomic_write(path) as stream:
         next(frames).save(
             stream,
@@ -178,8 +178,14 @@ def _palette(plan: StrokePlan, size: tuple[int, int]) -> Image.Image:
     return palette
 
 
-def _indexed(pictures: Iterator[Image.Image], palette: Image.Image) -> Iterator[Image.Image]:
+def _indexed(
+    pictures: Iterator[Image.Image], palette: Image.Image, paper: tuple[int, int, int]
+) -> Iterator[Image.Image]:
     from PIL import Image
 
     for picture in pictures:
-        yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
+        indexed = np.array(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+        indexed[np.all(np.asarray(picture) == paper, axis=2)] = 0  # Pillow is content with a colour nearby
+        frame = Image.fromarray(indexed)
+        frame.putpalette(palette.getpalette() or ())
+        yield frame

@@ -38,36 +38,50 @@ function traceChain(context, { points, starts }, i) {
     context.bezierCurveTo(points[at], points[at + 1], points[at + 2], points[at + 3], points[at + 4], points[at + 5]);
 }
 
-// A stroke of varying width is the union of discs and of what lies between neighbours: closed loops that all turn the
-// same way, filled by the nonzero rule. A disc is left out where the curve is so straight that nothing gapes.
+// A stroke of varying width is the union of discs, of what lies between neighbours and of the wedges that gape between
+// those: closed loops that all turn the same way, filled by the nonzero rule.
 function tracePressed(context, plan, i, scale, more) {
   const tolerance = PRESSURE_TOLERANCE_PX / scale;
   const discs = discsOf(plan, i, tolerance);
   const last = discs.length - 1;
   const round = plan.layers[plan.layerOf[i]].cap !== "butt";
-  let before = null;
+  for (const disc of discs) disc[2] += more;
+  let before = null; // the normal of the segment that ends here
   for (let k = 0; k <= last; k++) {
-    const [x, y, radius] = [discs[k][0], discs[k][1], discs[k][2] + more];
-    const next = k < last ? segment(context, discs[k], discs[k + 1], more) : null;
-    const end = k === 0 || k === last;
-    const turn = before !== null && next !== null ? Math.abs(Math.atan2(Math.sin(next - before), Math.cos(next - before))) : 0;
-    if (end ? round : next === null || before === null || (radius * turn * turn) / 8 > tolerance / 2) {
-      context.moveTo(x + radius, y);
-      context.arc(x, y, radius, 0, 2 * Math.PI);
-    }
-    if (next !== null) before = next;
+    const normal = k < last ? segment(context, discs[k], discs[k + 1]) : null;
+    if (k === 0 || k === last) {
+      if (round) dot(context, discs[k]);
+    } else if (before && normal) joint(context, discs[k], before, normal, tolerance);
+    before = normal ?? before;
   }
 }
 
-// The cross-sections of two neighbouring discs, joined; returns the direction, or null where there is none.
-function segment(context, [ax, ay, ar], [bx, by, br], more) {
+function dot(context, [x, y, radius]) {
+  context.moveTo(x + radius, y);
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+}
+
+// The cross-sections of two neighbouring discs, joined; returns the unit normal, or null where there is none.
+function segment(context, [ax, ay, ar], [bx, by, br]) {
   const dx = bx - ax, dy = by - ay, length = Math.hypot(dx, dy);
   if (!length) return null;
-  const nx = -dy / length, ny = dx / length, a = ar + more, b = br + more;
-  context.moveTo(ax - nx * a, ay - ny * a);
-  context.lineTo(bx - nx * b, by - ny * b);
-  context.lineTo(bx + nx * b, by + ny * b);
-  context.lineTo(ax + nx * a, ay + ny * a);
+  const nx = -dy / length, ny = dx / length;
+  context.moveTo(ax - nx * ar, ay - ny * ar);
+  context.lineTo(bx - nx * br, by - ny * br);
+  context.lineTo(bx + nx * br, by + ny * br);
+  context.lineTo(ax + nx * ar, ay + ny * ar);
   context.closePath();
-  return Math.atan2(dy, dx);
+  return [nx, ny];
+}
+
+// What gapes on the outer side of a bend: a triangle, or the whole disc where that would look cut.
+function joint(context, [x, y, radius], [ax, ay], [bx, by], tolerance) {
+  const turn = Math.atan2(ax * by - ay * bx, ax * bx + ay * by);
+  if ((radius * turn * turn) / 8 > tolerance) return dot(context, [x, y, radius]);
+  const out = turn > 0 ? -radius : radius;
+  const [first, second] = turn > 0 ? [[ax, ay], [bx, by]] : [[bx, by], [ax, ay]];
+  context.moveTo(x, y);
+  context.lineTo(x + out * first[0], y + out * first[1]);
+  context.lineTo(x + out * second[0], y + out * second[1]);
+  context.closePath();
 }

@@ -30,7 +30,7 @@ function panned(view, dx, dy, plan, width, height) {
 function within(view, plan, width, height) {
   const side = (start, length, stage) => {
     const margin = MARGIN * Math.min(width, height);
-    if (length + 2 * margin <= stage) return (stage - length) / 2;
+    if (length + 2 * margin <= stage) return Math.round((stage - length) / 2);
     return Math.min(Math.max(start, stage - length - margin), margin);
   };
   return {
