@@ -15,8 +15,8 @@ def random_plan(n: int = 400, *, seed: int = 0, pressure: bool = True) -> Stroke
     pieces = rng.integers(1, 4, n)
     counts = 3 * pieces + 1
     starts = np.concatenate([[0], np.cumsum(counts)])
-    steps = rng.normal(0, 5, (starts[-1], 2))
-    steps[starts[:-1]] = 0
+    headings = np.cumsum(rng.normal(0, 0.3, starts[-1]))
+    steps = rng.uniform(4, 7, (starts[-1], 1)) * np.stack([np.cos(headings), np.sin(headings)], axis=1)
     paths = np.cumsum(steps, axis=0)
     begins = rng.uniform((0, 0), (300, 200), (n, 2))
     points = paths - np.repeat(paths[starts[:-1]] - begins, counts, axis=0)

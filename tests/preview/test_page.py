@@ -24,12 +24,14 @@ from strokeplan.strokes import Layer, Source, StrokePlan
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-FLAGS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
-PSNR_DB = 35.0
-"""Skia's edges against Cairo's, on random strokes that are nearly all edge: 37 dB measured."""
+FLAGS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update",
+]  # fmt: skip
+PSNR_DB = 34.0
+"""Skia's edges against Cairo's, on random strokes that are nearly all edge, of colours far apart: 34.7 to 35.7 dB
+measured. A planned photo has 43 to 48."""
+PLANNED_PSNR_DB = 38.0
 WRONG_PSNR_DB = 25.0
 """What a picture that lacks something stays below."""
 
@@ -144,7 +146,7 @@ def test_the_finished_picture_is_shown_first(open_page: OpenPage, plan: StrokePl
 
 
 def test_a_planned_picture_is_painted_as_render_paints_it(open_page: OpenPage, small_plan: StrokePlan) -> None:
-    assert psnr(open_page(small_plan), small_plan) > PSNR_DB
+    assert psnr(open_page(small_plan), small_plan) > PLANNED_PSNR_DB
 
 
 def test_pressure_is_painted(open_page: OpenPage, plan: StrokePlan) -> None:
@@ -160,6 +162,7 @@ def test_half_the_bar_is_the_first_half_of_the_strokes(open_page: OpenPage, plan
     assert psnr(page, plan) < WRONG_PSNR_DB
 
 
+@pytest.mark.slow
 def test_going_back_and_forth_ends_in_the_same_pixels(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(plan)
     scrub(page, 0)
@@ -170,7 +173,7 @@ def test_going_back_and_forth_ends_in_the_same_pixels(open_page: OpenPage, plan:
     assert np.array_equal(pixels(page)[0], before)
 
 
-@pytest.mark.parametrize("layer", [0, 1, 2])
+@pytest.mark.parametrize("layer", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_layer_goes_and_comes_back(layer: int, open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(plan)
     whole = pixels(page)[0]
@@ -205,6 +208,7 @@ def test_a_zoomed_picture_is_as_sharp(open_page: OpenPage, plan: StrokePlan) -> 
     assert shown(page)[0] == fit
 
 
+@pytest.mark.slow
 def test_a_screen_of_more_pixels_shows_more(open_page: OpenPage, plan: StrokePlan) -> None:
     once = shown(open_page(plan))[0]
     page = open_page(plan, device_scale_factor=2)
@@ -212,6 +216,7 @@ def test_a_screen_of_more_pixels_shows_more(open_page: OpenPage, plan: StrokePla
     assert psnr(page, plan) > PSNR_DB
 
 
+@pytest.mark.slow
 def test_the_wheel_zooms_about_the_pointer_and_a_drag_pans(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(plan)
     box = page.locator("#picture").bounding_box()
@@ -271,9 +276,8 @@ def test_the_stroke_under_the_pointer_is_the_one_on_top(open_page: OpenPage, pla
 
 
 def test_a_stroke_is_described(open_page: OpenPage) -> None:
-    angle = np.linspace(0, np.pi / 2, 4)
     k = 4 / 3 * np.tan(np.pi / 8)
-    quarter = np.array([(100, 0), (100, 100 * k), (100 * k, 100), (0, 100)]) + (50, 50)
+    quarter = np.array([(150, 50), (150, 50 + 100 * k), (50 + 100 * k, 150), (50, 150)])
     plan = StrokePlan(
         width=200,
         height=200,
@@ -285,7 +289,6 @@ def test_a_stroke_is_described(open_page: OpenPage) -> None:
         pressures=np.array([np.nan, np.nan, 0.5, 1]),
         pens=(None, "blue one"),
     )
-    assert len(angle) == 4
     page = open_page(plan)
     page.keyboard.press("]")
     card = page.locator(".card")
@@ -338,6 +341,7 @@ def test_keys_do_what_the_overlay_says(open_page: OpenPage, plan: StrokePlan) ->
     assert page.locator("#layer-panel").is_hidden()
 
 
+@pytest.mark.slow
 def test_playing_goes_from_the_blank_canvas_to_the_end(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(first_strokes(plan, 30))
     for _ in range(4):
@@ -350,10 +354,10 @@ def test_playing_goes_from_the_blank_canvas_to_the_end(open_page: OpenPage, plan
     assert psnr(page, first_strokes(plan, 30)) > PSNR_DB
 
 
+@pytest.mark.slow
 def test_pausing_stops(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(plan)
     page.click("#play")
-    page.wait_for_function("() => Number(document.getElementById('scrub').value) > 2") if False else None
     page.wait_for_selector("#counter:not(:text-is('0')):not(:text-is('400'))")
     page.click("#play")
     count = counter(page)
@@ -362,6 +366,7 @@ def test_pausing_stops(open_page: OpenPage, plan: StrokePlan) -> None:
     assert psnr(page, first_strokes(plan, count)) > PSNR_DB
 
 
+@pytest.mark.slow
 def test_fingers_tap_pan_and_pinch(open_page: OpenPage, plan: StrokePlan) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2, "has_touch": True, "is_mobile": True}
     page = open_page(plan, **phone)
@@ -394,13 +399,19 @@ def test_fingers_tap_pan_and_pinch(open_page: OpenPage, plan: StrokePlan) -> Non
     fingers("touchEnd")
     settle(page)
     assert shown(page)[:3] == pytest.approx((scale, left + 50, top), abs=1)
-    page.touchscreen.tap(x, y)
+    column, row = next(
+        (int(2 * (x - box["x"]) + 6 * k), int(2 * (y - box["y"])))
+        for k in range(20)
+        if np.any(pixels(page)[0][int(2 * (y - box["y"])), int(2 * (x - box["x"]) + 6 * k)] != plan.background)
+    )
+    page.touchscreen.tap(box["x"] + column / 2, box["y"] + row / 2)
     page.wait_for_selector("body.chosen")
     assert page.locator(".card").is_visible()
     page.locator("#forget").tap()
     assert page.locator(".card").is_hidden()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "dark"), [("light", False), ("dark", True)])
 def test_the_theme_follows_the_system_and_the_switch(
     scheme: str, dark: bool, open_page: OpenPage, plan: StrokePlan
@@ -416,6 +427,7 @@ def test_the_theme_follows_the_system_and_the_switch(
     assert is_dark() != dark
 
 
+@pytest.mark.slow
 def test_every_control_has_a_name(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(plan)
     for control in page.locator("button, input, canvas[role]").all():
@@ -439,9 +451,7 @@ def test_names_from_a_plan_are_text(open_page: OpenPage, plan: StrokePlan) -> No
     assert page.locator("img").count() == 1  # the poster
 
 
-def test_the_policy_lets_no_other_script_run_and_nothing_load(
-    browser: Any, plan: StrokePlan, tmp_path: Path
-) -> None:
+def test_the_policy_lets_no_other_script_run_and_nothing_load(browser: Any, plan: StrokePlan, tmp_path: Path) -> None:
     save_page(plan, tmp_path / "page.html")
     page = browser.new_page()
     asked: list[str] = []
@@ -475,6 +485,7 @@ def test_without_script_the_poster_is_shown(browser: Any, plan: StrokePlan, tmp_
     context.close()
 
 
+@pytest.mark.slow
 def test_damaged_data_are_reported(browser: Any, plan: StrokePlan, tmp_path: Path) -> None:
     damaged = encode(plan).replace(b'"version":1', b'"version":9')
     (tmp_path / "page.html").write_bytes(damaged)
@@ -485,6 +496,7 @@ def test_damaged_data_are_reported(browser: Any, plan: StrokePlan, tmp_path: Pat
     page.close()
 
 
+@pytest.mark.slow
 def test_without_pycairo_there_is_no_poster_but_a_page(
     open_page: OpenPage, plan: StrokePlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -495,6 +507,7 @@ def test_without_pycairo_there_is_no_poster_but_a_page(
     assert psnr(page, plan) > PSNR_DB
 
 
+@pytest.mark.slow
 def test_a_plan_without_strokes_is_blank_paper(open_page: OpenPage, plan: StrokePlan) -> None:
     page = open_page(first_strokes(plan, 0))
     picture, paper = pixels(page)
