@@ -9,8 +9,8 @@ order, of n strokes with c cubics in all:
     cubics      n        varint, cubics of each stroke
     x, y        n each   zigzag, where a stroke starts, from where the one before it does
     dx, dy      c each   zigzag, from the start of a cubic to its end
-    x1, y1      c each   zigzag, first control point beyond start + ⌊d / 3⌋
-    x2, y2      c each   zigzag, second control point beyond end − ⌊d / 3⌋
+    x1, y1      c each   zigzag, first control point beyond start + ⌊d / 3⌋, in double steps
+    x2, y2      c each   zigzag, second control point beyond end − ⌊d / 3⌋, in double steps
     width       n        varint, index into the header's "widths"
     g, r, b     n each   one byte, green, red − green, blue − green (modulo 256)
     pressed     n        one byte, 1 for a stroke with pressure         only if the header's "pressure" is true
@@ -98,8 +98,8 @@ def _geometry(plan: StrokePlan, step: float) -> list[bytes]:
     tables = (
         np.diff(begins, axis=0, prepend=np.zeros((1, 2), np.int64)),
         end - start,
-        grid[starts + 1] - start - third,
-        grid[starts + 2] - end + third,
+        (grid[starts + 1] - start - third + 1) // 2,
+        (grid[starts + 2] - end + third + 1) // 2,
     )
     return [zigzag(table[:, axis]) for table in tables for axis in (0, 1)]
 

@@ -33,7 +33,8 @@ function decode(header, bytes) {
   plan.starts = new Int32Array(n + 1);
   for (let i = 0; i < n; i++) plan.starts[i + 1] = plan.starts[i] + 3 * plan.counts[i] + 1;
   plan.points = decodePoints(plan, read, cubics);
-  plan.widths = Float32Array.from(read.varints(n), (index) => header.widths[index]);
+  plan.widths = new Float32Array(n);
+  read.varints(n).forEach((index, i) => (plan.widths[i] = header.widths[index]));
   plan.colors = decodeColors(read, n);
   plan.pressed = header.pressure ? read.bytes(n) : new Uint8Array(n);
   if (header.pressure) decodePressures(plan, read);
@@ -85,8 +86,8 @@ function decodePoints(plan, read, cubics) {
       for (let k = 0; k < counts[i]; k++, c++, at += 6) {
         const third = Math.floor(ways[c] / 3);
         const end = here + ways[c];
-        points[at + 2] = (here + third + firsts[c]) * step;
-        points[at + 4] = (end - third + seconds[c]) * step;
+        points[at + 2] = (here + third + 2 * firsts[c]) * step;
+        points[at + 4] = (end - third + 2 * seconds[c]) * step;
         points[at + 6] = end * step;
         here = end;
       }
