@@ -294,7 +294,7 @@ def _weight(job: _Job) -> NDArray[np.float32]:
 def _search(job: _Job, most: int, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """At most so many strokes, each searched for, and the canvas."""
     preset, weight, began = job.preset, _weight(job), perf_counter()
-    picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round")
+    picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", workers=workers)
     strokes = search.search(
         job.pixels,
         weight,
@@ -308,7 +308,7 @@ def _search(job: _Job, most: int, workers: Workers) -> tuple[list[LayerStrokes],
         tell=lambda done, total, laid, error: job.teller(1, 0, lambda: error)(done, total, laid),
     )
     picture.layers.append(strokes)
-    canvas = picture.finish(workers)
+    canvas = picture.finish()
     job.waited("strokes", began)
     return picture.layers, canvas
 

@@ -35,7 +35,7 @@ from strokeplan.errors import ImageError
 from strokeplan.evaluate import COLUMNS
 from strokeplan.presets import names
 
-COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "inkscape", "montage", "presets")
+COMMANDS = ("plan", "render", "export", "info", "evaluate", "inspect", "inkscape", "montage", "presets", "preview")
 FORMATS = (".json", ".json.gz", ".svg", ".svgz", ".png")
 PAPER = ("--preset", "paper")
 TINY = (*PAPER, "--set", "layers.1.width=16", "--set", "layers.1.sigma=3")

@@ -1,0 +1,88 @@
+"""strokeplan preview."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from strokeplan.cli.console import echo_written
+from strokeplan.cli.options import PlanArgument, QuietOption
+
+
+def preview(
+    plan: PlanArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="OUT.html", help="The page to write, one file for all.")
+    ] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    video: Annotated[
+        Path | None, typer.Option("--video", metavar="OUT.gif|.webp", help="Also, or only, the time lapse.")
+    ] = None,
+    seconds: Annotated[float, typer.Option("--seconds", help="How long the time lapse paints.")] = 10.0,
+    fps: Annotated[float, typer.Option("--fps", help="Its frames a second, at most 50.")] = 20.0,
+    width: Annotated[int | None, typer.Option("--width", help="Its width in pixels; by default up to 800.")] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Watch a strokes file being painted: a page that plays it, a time lapse."""
+    _check_targets(plan, output, video, open_page)
+    from strokeplan import formats
+    from strokeplan.preview import save_page, save_time_lapse
+
+    strokes = formats.load(plan)
+    if video is not None:
+        with _bar(quiet) as progress:
+            save_time_lapse(strokes, video, seconds=seconds, fps=fps, width=width, progress=progress)
+    if output is not None:
+        save_page(strokes, output)
+    if not quiet:
+        echo_written(*(path for path in (output, video) if path is not None))
+    if output is not None and open_page:
+        _open(output)
+
+
+def _check_targets(plan: Path, output: Path | None, video: Path | None, open_page: bool) -> None:
+    """Raise now what writing would raise later."""
+    from strokeplan.errors import InputError, OutputError
+    from strokeplan.files import check_writable
+    from strokeplan.preview import check_page, check_time_lapse
+    from strokeplan.rendering import require_cairo
+
+    if output is None and video is None:
+        raise InputError("nothing to write; give -o OUT.html for the page or --video OUT.gif for the time lapse")
+    if output is None and open_page:
+        raise InputError("--open has no page to open; give -o OUT.html")
+    if output is not None:
+        check_page(output)
+    if video is not None:
+        require_cairo()
+        check_time_lapse(video)
+    for path in filter(None, (output, video)):
+        check_writable(path)
+        if path.exists() and plan.exists() and path.samefile(plan):
+            raise OutputError(f"{path}: is what the work starts from; give another name")
+
+
+@contextmanager
+def _bar(quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A progress callback that shows how much of the time lapse is done; None where nobody looks."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("time lapse", total=1.0)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _open(page: Path) -> None:
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        typer.echo(f"note: no browser was found; open {page} in one", err=True)
