@@ -124,8 +124,7 @@ class Motion:
             raise InputError("a motion without a move is nowhere")
         k = np.clip(np.searchsorted(self.began, t, "right") - 1, 0, len(self.began) - 1)
         into = np.clip(t - self.began[k], 0, self.duration[k])
-        way, speed = _along(into, *(column[k] for column in (self.acceleration, self.entry, self.cruise, self.exit)),
-                            self.duration[k])  # fmt: skip
+        way, speed = _along(into, self.acceleration[k], self.entry[k], self.cruise[k], self.exit[k], self.duration[k])
         step = self.end[k] - self.begin[k]
         length = np.hypot(*step.T)
         moving = (t >= self.began[k]) & (t < self.began[k] + self.duration[k])
@@ -155,7 +154,7 @@ def plan(
     points = _check(points, starts, n)
     feeds = np.broadcast_to(np.asarray(feed, np.float64), (n,))
     if not np.all((feeds > 0) & (feeds < np.inf)):
-        raise InputError(f"feed {feed} must be above 0 mm/min")
+        raise InputError(f"feed {feed!r} must be above 0 mm/min")
     begin, end, stroke, down = _blocks(points, starts, start, limits.steps_mm)
     speed2, acceleration, length, junction2 = _bounds(begin, end, stroke, down, limits, feeds / 60)
     entry2, exit2 = _speeds(speed2, acceleration, length, junction2, limits.lookahead)
@@ -163,8 +162,8 @@ def plan(
     entry, cruise, leave = np.sqrt(entry2), np.sqrt(np.maximum(peak2, np.maximum(entry2, exit2))), np.sqrt(exit2)
     ramps = (2 * cruise**2 - entry2 - exit2) / (2 * acceleration)
     duration = (2 * cruise - entry - leave) / acceleration + np.maximum(length - ramps, 0) / cruise
-    travel_s = np.bincount(stroke[~down], duration[~down], n)
-    draw_s = np.bincount(stroke[down], duration[down], n)
+    travel_s = np.bincount(stroke[~down], duration[~down], n).astype(np.float64)
+    draw_s = np.bincount(stroke[down], duration[down], n).astype(np.float64)
     began = np.concatenate([[0.0], np.cumsum(duration)[:-1]])[: len(duration)]
     began = began + (pen.down_s + pen.up_s) * stroke + pen.down_s * down
     return Motion(
