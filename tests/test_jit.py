@@ -28,12 +28,16 @@ def test_the_stamp_changes_with_any_module_that_holds_kernels(tmp_path: Path, mo
     (tmp_path / "one.py").write_text("@kernel\ndef f(): return 1")
     (tmp_path / "two.py").write_text("@kernel\ndef g(): return 2")
     (tmp_path / "plain.py").write_text("y = 2")
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "three.py").write_text("@kernel\ndef h(): return 3")
     monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
     before = jit._sources.__wrapped__()
     (tmp_path / "plain.py").write_text("y = 3")
     assert jit._sources.__wrapped__() == before
     (tmp_path / "two.py").write_text("@kernel\ndef g(): return 3")
-    assert jit._sources.__wrapped__() != before
+    assert (changed := jit._sources.__wrapped__()) != before
+    (tmp_path / "room" / "three.py").write_text("@kernel\ndef h(): return 4")
+    assert jit._sources.__wrapped__() not in (before, changed)
 
 
 def test_a_kernel_of_other_sources_is_not_taken_for_compiled(monkeypatch: pytest.MonkeyPatch) -> None:

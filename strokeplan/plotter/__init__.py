@@ -1,0 +1,1 @@
+"""From strokes to the motion of a pen plotter: order, and the time that it takes."""
