@@ -76,4 +76,5 @@ def _rows(starts: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np.int
     """The rows of strokes in an order: starts[i] … starts[i + 1] − 1 for each i of it."""
     counts = np.diff(starts)[order]
     ends = np.cumsum(counts)
-    return np.arange(int(counts.sum())) + np.repeat(starts[order] - (ends - counts), counts)
+    rows: NDArray[np.int64] = np.arange(int(counts.sum())) + np.repeat(starts[order] - (ends - counts), counts)
+    return rows

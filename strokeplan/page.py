@@ -69,14 +69,6 @@ class Page:
         if 2 * self.margin_mm > min(self.width_mm, self.height_mm) - MIN_SIDE_MM:
             raise InputError(f"margin {self.margin_mm:g} mm leaves nothing of a page of {size}")
 
-    @classmethod
-    def parse(cls, text: str, margin_mm: float = 0.0, *, landscape: bool = False) -> Page:
-        """A page as the command line gives it: a name (A4, letter) or "200x300mm"; its longer side across if asked."""
-        width, height = _size(text)
-        if landscape and width < height:
-            width, height = height, width
-        return cls(width, height, margin_mm)
-
     def fit(self, width: float, height: float) -> Placement:
         """Where a picture of that size lies: as large as fits within the margin, in the middle. Raises InputError."""
         room = self.width_mm - 2 * self.margin_mm, self.height_mm - 2 * self.margin_mm
@@ -87,6 +79,21 @@ class Page:
                 f"of {self.width_mm:g} × {self.height_mm:g} mm: too thin"
             )
         return Placement(scale, (self.width_mm - width * scale) / 2, (self.height_mm - height * scale) / 2)
+
+
+def parse_page(text: str | None, margin: str | None = None, *, landscape: bool = False) -> Page | None:
+    """A page as the command line gives it: a name (A4, letter) or "200x300mm", and a margin ("10", "1cm").
+
+    Its longer side is across if asked. None without a page. Raises InputError.
+    """
+    if text is None:
+        if margin is not None or landscape:
+            raise InputError(f"{'landscape' if margin is None else 'margin'} needs a page; give one, e.g. --page A4")
+        return None
+    width, height = _size(text)
+    if landscape:
+        width, height = max(width, height), min(width, height)
+    return Page(width, height, 0.0 if margin is None else parse_length(margin, "margin"))
 
 
 def parse_length(text: str, what: str) -> float:

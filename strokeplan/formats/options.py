@@ -16,11 +16,11 @@ MAX_PRECISION = 6
 class ExportOptions:
     """What a writer may be asked for; each at its default is what `plan` writes. Raises InputError.
 
-    precision  decimals of coordinates; None: 1/100 of a pixel or 1/1000 of a millimetre, finer where the canvas is small.
+    precision  decimals of coordinates; None: 2 of a pixel or 3 of a millimetre, more where the canvas is small.
     units      of the coordinates; None: millimetres on a page, else pixels. A pixel is 1/96 of an inch.
     page       the sheet that the picture is centred on; None: the canvas alone.
     group_by   what makes a layer of the file (see grouping.py).
-    colors     a colour on every stroke, or shared through a class.
+    classes    strokes of a colour share it through a class, rather than each naming it.
     outline    every stroke as its filled outline, not only those of varying width.
     clip       nothing shows outside of the canvas.
     """
@@ -29,7 +29,7 @@ class ExportOptions:
     units: Literal["px", "mm"] | None = None
     page: Page | None = None
     group_by: GroupBy = "layer"
-    colors: Literal["attributes", "classes"] = "attributes"
+    classes: bool = False
     outline: bool = False
     clip: bool = False
 

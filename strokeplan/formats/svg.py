@@ -85,14 +85,11 @@ def _document(layout: Layout, options: ExportOptions) -> svgwrite.Drawing:
     drawing.set_desc(title=_text(title) or "strokeplan", desc=f"{len(plan)} strokes, planned by strokeplan")
     for element in _metadata(plan):
         drawing.set_metadata(element)
-    place, size = (0, 0), ("100%", "100%")
-    if options.page is not None:
-        x, y, *sides = map(_number, layout.canvas)
-        place, size = (x, y), tuple(sides)
-    drawing.add(drawing.rect(place, size, id="background", fill=rgb_to_hex(plan.background)))
+    x, y, *size = ("0", "0", "100%", "100%") if options.page is None else map(_number, layout.canvas)
+    drawing.add(drawing.rect((x, y), size, id="background", fill=rgb_to_hex(plan.background)))
     if options.clip:
-        drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect(place, size))
-    if options.colors == "classes":
+        drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect((x, y), size))
+    if options.classes:
         drawing.defs.add(drawing.style(_rules(plan, options)))
     for number, layer in enumerate(plan.layers, start=1):
         drawing.add(_group(drawing, layout, layer, number, options))
@@ -171,7 +168,7 @@ def _path_lines(layout: Layout, options: ExportOptions) -> Iterator[bytes]:
 
 def _paints(plan: StrokePlan, filled: NDArray[np.bool_], options: ExportOptions) -> list[bytes]:
     """The attributes that give each stroke its colour."""
-    if options.colors == "classes":
+    if options.classes:
         kinds = [b"f" if closed else b"c" for closed in filled.tolist()]
         return [b'class="%b%d"' % pair for pair in zip(kinds, _classes(plan)[1].tolist(), strict=True)]
     kinds = [b'fill="%b" stroke="none"' if closed else b'stroke="%b"' for closed in filled.tolist()]
