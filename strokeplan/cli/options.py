@@ -36,9 +36,19 @@ OutputsOption = Annotated[
     ),
 ]
 PresetOption = Annotated[
-    str, typer.Option("--preset", "-p", metavar="NAME|FILE.toml", help="Style; `strokeplan presets` lists them.")
+    str,
+    typer.Option(
+        "--preset",
+        "-p",
+        metavar="NAME|FILE",
+        help="Style; `strokeplan presets` lists them. Or a .toml file, or a plan (.svg, .json), with its seed.",
+    ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all chance; the same seed gives the same bytes.")]
+PlanSeedOption = Annotated[
+    int | None,
+    typer.Option("--seed", help="Seed of all chance; the same gives the same bytes. By default 0, or the plan's own."),
+]
 OrientationOption = Annotated[
     Orientation | None, typer.Option("--orientation", help="Where direction comes from; by default as the preset says.")
 ]

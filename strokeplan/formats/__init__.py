@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from strokeplan.errors import FormatError, OutputError
 from strokeplan.files import atomic_write, check_writable
@@ -181,3 +181,12 @@ def load(path: str | os.PathLike[str]) -> StrokePlan:
     if not name.endswith(READABLE):
         raise FormatError(f"{path}: not a strokes file by its suffix; readable are {', '.join(READABLE)}")
     return decode(read(path), str(path))
+
+
+def read_settings(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What reproduces the plan in a strokes file or an SVG of ours, without its strokes. Raises FormatError."""
+    if Path(path).name.lower().endswith((".svg", ".svgz")):
+        from strokeplan.formats.svg import read_settings as read_svg
+
+        return read_svg(path)
+    return load(path).settings

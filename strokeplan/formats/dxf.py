@@ -49,6 +49,8 @@ def encode(plan: StrokePlan, options: ExportOptions = DEFAULTS) -> bytes:
     unit = 1.0 if layout.mm else MM_PER_INCH / PX_PER_INCH
     names = [_add_layer(document, layer, number) for number, layer in enumerate(layout.plan.layers, start=1)]
     _add_splines(document.modelspace(), layout, unit, names, options)
+    for kind in sorted(document.entitydb.dxf_types_in_use()):  # ezdxf itself adds them in the order of hashes
+        document.classes.add_class(kind)
     text = io.StringIO()
     fixed, ezdxf.options.write_fixed_meta_data_for_testing = ezdxf.options.write_fixed_meta_data_for_testing, True
     try:  # … or the document tells when it was written, and has another name each time

@@ -9,12 +9,17 @@ width and pressure in attributes of the namespace urn:strokeplan.
 
 from __future__ import annotations
 
+import gzip
 import io
+import os
 import re
+import zlib
 from collections.abc import Iterator
 from itertools import islice
 from math import ceil, log10
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element
 from xml.sax.saxutils import quoteattr
 
@@ -23,6 +28,7 @@ import numpy as np
 import svgwrite
 from numpy.typing import NDArray
 
+from strokeplan.errors import FormatError
 from strokeplan.formats.json import VERSION, hex_colors, paused_gc
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
@@ -41,6 +47,8 @@ ALONG_DECIMALS = 4
 """Of pressures and of angles in radians, one per on-curve point."""
 LARGEST_STEP = 2.0**53
 """Beyond this many steps of the grid, far outside of any document, coordinates are cut."""
+MAX_HEAD_BYTES = 1 << 20
+"""The settings stand within this much of the document's beginning; those of 32 layers have 30 kB."""
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -69,6 +77,28 @@ class _Mark(svgwrite.base.BaseElement):  # type: ignore[misc]
 
     def get_xml(self) -> Any:
         return Comment("strokes")
+
+
+def read_settings(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The settings in the head of an SVG that `encode` wrote; nothing after them is read. Raises FormatError."""
+    opener = gzip.open if Path(path).name.lower().endswith("z") else open
+    try:
+        with opener(path, "rb") as stream:
+            head = stream.read(MAX_HEAD_BYTES)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    parser: Any = ElementTree.XMLPullParser(["end"])
+    try:
+        parser.feed(head)  # what is cut off, or stands after the metadata, does not matter
+        for _, element in parser.read_events():
+            if element.tag == f"{{{NAMESPACE}}}settings":
+                settings: dict[str, Any] = msgspec.json.decode(element.text or "", type=dict[str, Any])
+                return settings
+    except ElementTree.ParseError as error:
+        raise FormatError(f"{path}: is not XML ({error})") from None
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise FormatError(f"{path}: its settings cannot be read ({error})") from None
+    raise FormatError(f"{path}: holds no settings of strokeplan")
 
 
 # The document around the paths
