@@ -11,16 +11,15 @@ after gathering.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import InputError
 from strokeplan.formats.json import hex_colors
+from strokeplan.formats.options import GroupBy
 from strokeplan.strokes import Layer, StrokePlan
 
-GroupBy = Literal["layer", "colour", "pen"]
 NO_PEN = "no pen"
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from strokeplan.errors import InputError
-from strokeplan.grouping import GroupBy
 from strokeplan.page import Page
 
 MAX_PRECISION = 6
+GroupBy = Literal["layer", "colour", "pen"]
 
 
 @dataclass(frozen=True, slots=True)
