@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -45,19 +47,27 @@ def encode(plan: StrokePlan, options: ExportOptions = DEFAULTS) -> bytes:
     """
     ezdxf = require_ezdxf()
     layout = lay_out(regroup(plan, options.group_by), options)
-    document = ezdxf.new("R2010", units=ezdxf.units.MM)
     unit = 1.0 if layout.mm else MM_PER_INCH / PX_PER_INCH
-    names = [_add_layer(document, layer, number) for number, layer in enumerate(layout.plan.layers, start=1)]
-    _add_splines(document.modelspace(), layout, unit, names, options)
-    for kind in sorted(document.entitydb.dxf_types_in_use()):  # ezdxf itself adds them in the order of hashes
-        document.classes.add_class(kind)
-    text = io.StringIO()
-    fixed, ezdxf.options.write_fixed_meta_data_for_testing = ezdxf.options.write_fixed_meta_data_for_testing, True
-    try:  # … or the document tells when it was written, and has another name each time
+    with _undated(ezdxf.options):
+        document = ezdxf.new("R2010", units=ezdxf.units.MM)
+        names = [_add_layer(document, layer, number) for number, layer in enumerate(layout.plan.layers, start=1)]
+        _add_splines(document.modelspace(), layout, unit, names, options)
+        for kind in sorted(document.entitydb.dxf_types_in_use()):  # ezdxf itself adds them in the order of hashes
+            document.classes.add_class(kind)
+        text = io.StringIO()
         document.write(text)
+    data: bytes = document.encode(text.getvalue())
+    return data
+
+
+@contextmanager
+def _undated(settings: Any) -> Iterator[None]:
+    """Documents made here do not tell when, and are not named at random."""
+    before, settings.write_fixed_meta_data_for_testing = settings.write_fixed_meta_data_for_testing, True
+    try:
+        yield
     finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = fixed
-    return document.encode(text.getvalue())  # type: ignore[no-any-return]
+        settings.write_fixed_meta_data_for_testing = before
 
 
 def _add_layer(document: Any, layer: Layer, number: int) -> str:
