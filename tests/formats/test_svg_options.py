@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from plans import TINY, plans
@@ -159,6 +160,7 @@ def bends(draw: st.DrawFn) -> NDArray[np.float64]:
     return np.array(points)
 
 
+@settings(max_examples=25)
 @given(bends(), st.sampled_from([1.0, 6.0, 25.0]), st.booleans())
 def test_an_outline_is_the_buffer_of_its_curve(chain: NDArray[np.float64], width: float, pressed: bool) -> None:
     pressures = np.ones(len(chain) // 3 + 1) if pressed else None
@@ -169,7 +171,7 @@ def test_an_outline_is_the_buffer_of_its_curve(chain: NDArray[np.float64], width
     (path,) = paths(encode(plan, ExportOptions(outline=True)))
     line = flatten(chain, 0.01)
     # Edge by edge: the buffer of a line that turns straight back is flat there.
-    edges = [pair for pair in zip(line, line[1:], strict=False) if np.any(pair[0] != pair[1])]
+    edges = [pair for pair in pairwise(line) if np.any(pair[0] != pair[1])]
     disc = (MultiLineString(edges) if edges else MultiPoint(line)).buffer(width / 2, 32)
     ring = flatten(parse_path(path.get("d")), 0.01)
     wound = nonzero(ring)
