@@ -25,7 +25,9 @@ from strokeplan.version import __version__
 
 if TYPE_CHECKING:
     from strokeplan.formats import load, save
+    from strokeplan.formats.options import ExportOptions
     from strokeplan.image import Photo, load_photo
+    from strokeplan.page import Page
     from strokeplan.planner import plan
     from strokeplan.presets import Preset, load_preset
     from strokeplan.rendering import render
@@ -33,7 +35,9 @@ if TYPE_CHECKING:
 
 # Loaded when first used, so that `strokeplan --help` needs neither numpy nor numba.
 _HOMES = {
+    "ExportOptions": "formats.options",
     "Layer": "strokes",
+    "Page": "page",
     "Photo": "image",
     "Preset": "presets",
     "Source": "strokes",
@@ -47,12 +51,14 @@ _HOMES = {
 }
 
 __all__ = [
+    "ExportOptions",
     "FormatError",
     "ImageError",
     "InputError",
     "Layer",
     "MissingExtraError",
     "OutputError",
+    "Page",
     "Photo",
     "Preset",
     "PresetError",

@@ -55,8 +55,58 @@ def outline_curves(
     return _fitted(polygon, turn, tolerance)
 
 
+def outline_strokes(
+    points: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    radii: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
+    round_caps: NDArray[np.bool_],
+    tolerance: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points and starts of chains of cubics, with `outline_curves` in the place of those that are `wanted`.
+
+    points (p, 2) and starts (n + 1,) as in a StrokePlan, radii (q,) at the on-curve points of all, wanted and
+    round_caps (n,). A chain without extent keeps its place, as one that stands still.
+    """
+    if len(wanted) == 0:
+        return points, starts
+    extents = np.maximum.reduceat(points, starts[:-1]) - np.minimum.reduceat(points, starts[:-1])
+    knots = (starts + 2 * np.arange(len(starts))) // 3
+    reach = extents.max(axis=1) + np.maximum.reduceat(radii, knots[:-1])
+    return _outlines(points, starts, radii, knots, wanted, round_caps, np.maximum(tolerance, FINEST * reach))
+
+
 def _affordable(tolerance: float, chain: NDArray[np.float64], radii: NDArray[np.float64]) -> float:
     return max(tolerance, FINEST * float(np.ptp(chain, axis=0).max() + radii.max()))
+
+
+@kernel
+def _outlines(
+    points: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    radii: NDArray[np.float64],
+    knots: NDArray[np.int64],
+    wanted: NDArray[np.bool_],
+    round_caps: NDArray[np.bool_],
+    tolerances: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The chains, one after the other, and where each begins."""
+    n = len(wanted)
+    out, ends = np.empty((4 * len(points), 2)), np.zeros(n + 1, np.int64)
+    for i in range(n):
+        chain, at = points[starts[i] : starts[i + 1]].copy(), ends[i]
+        if wanted[i]:
+            inner = POLYGON_PART * tolerances[i]
+            polygon, turn = _outline(chain, radii[knots[i] : knots[i + 1]], inner, round_caps[i])
+            chain[1:4] = chain[0]
+            chain = _fitted(polygon, turn, tolerances[i]) if len(polygon) else chain[:4]
+        ends[i + 1] = at + len(chain)
+        if ends[i + 1] > len(out):
+            room = np.empty((2 * ends[i + 1], 2))
+            room[:at] = out[:at]
+            out = room
+        out[at : ends[i + 1]] = chain
+    return out[: ends[n]], ends
 
 
 @kernel

@@ -12,6 +12,7 @@ photo's, so that the same photo at any size becomes the same strokes.
 from __future__ import annotations
 
 import os
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -30,7 +31,7 @@ from PIL import Image
 
 from strokeplan import budget, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
-from strokeplan.errors import InputError
+from strokeplan.errors import InputError, StrokeplanWarning
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
 from strokeplan.importance import check_mask, importance_map, load_mask, segments
@@ -46,7 +47,7 @@ from strokeplan.painting import (
     wander_key,
 )
 from strokeplan.palette import choose_colors, color_table, plan_palette
-from strokeplan.presets import LayerPreset, Preset, load_preset
+from strokeplan.presets import LayerPreset, Preset, Recipe, load_preset, load_recipe
 from strokeplan.pressure import add_pressure
 from strokeplan.pursuit import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Pursuit, Rules
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
@@ -104,8 +105,8 @@ class Report:
 
 def plan(
     image: str | os.PathLike[str] | ArrayLike | Photo,
-    preset: str | os.PathLike[str] | Preset = "fine",
-    seed: int = 0,
+    preset: str | os.PathLike[str] | Preset | Recipe = "fine",
+    seed: int | None = None,
     *,
     orientation: Orientation | None = None,
     strokes: int | None = None,
@@ -117,6 +118,8 @@ def plan(
 ) -> StrokePlan:
     """Plan the strokes of a photo (a path, an array, or a Photo) in the style of a preset.
 
+    preset   a name, a .toml file, a Preset; or a plan's file, which gives its seed and budget of strokes too.
+    seed     of all chance; by default that of the plan that the preset came from, else 0.
     strokes  at most so many: the best picture for that budget; strokes are then kept by what they gain.
     detail   0 (bold) to 1 (minute); 0.5 is the preset as it stands.
     mask     where detail matters: a picture file or an (h, w) array in 0..1 of the photo's proportions;
@@ -126,11 +129,20 @@ def plan(
     for each processor this process may use). `progress` is called now and then, `report` once at the end.
     Raises ImageError, PresetError, InputError.
     """
+    recipe = load_recipe(preset)
+    style, seed = recipe.preset, recipe.seed if seed is None else seed
+    if strokes is None and detail is None:
+        strokes = recipe.strokes
     if seed < 0:
         raise InputError(f"seed {seed} is negative; give 0 or more")
     if threads is not None and threads < 1:
         raise InputError(f"threads {threads} is below 1")
-    style = load_preset(preset)
+    if recipe.mask is not None and mask is None:
+        warnings.warn(
+            f"the plan that the preset came from had a mask, {recipe.mask}; without it this one is another",
+            StrokeplanWarning,
+            stacklevel=2,
+        )
     if orientation is not None:
         style = style.override({"orientation": orientation})
     style = budget.for_detail(budget.for_strokes(style, strokes), detail)

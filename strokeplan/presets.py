@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import re
 import reprlib
+import warnings
 from importlib.resources import files
 from math import sqrt
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import msgspec
 from msgspec import Meta
 
 from strokeplan.color_settings import ColorStyle, HexColor, LayerColors
-from strokeplan.errors import PresetError
+from strokeplan.errors import PresetError, StrokeplanWarning
+from strokeplan.version import __version__
 
 MAX_LENGTH = 1e5
 MAX_FILTER = 1e3
@@ -164,15 +166,63 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
 PRESET_LENGTHS = ("derivative_sigma", "integration_sigma", "max_integration_sigma", "step_tolerance", "max_step")
 
 
+PLANS = (".json", ".json.gz", ".svg", ".svgz")
+"""Files whose settings hold the preset of a plan."""
+
+
 def names() -> list[str]:
     """The presets that ship with strokeplan."""
     return sorted(entry.name.removesuffix(".toml") for entry in _folder().iterdir() if entry.name.endswith(".toml"))
 
 
+class Recipe(NamedTuple):
+    """What a plan was made with; with the photo (and the mask, if there was one) it makes the same plan again."""
+
+    preset: Preset
+    seed: int = 0
+    strokes: int | None = None
+    mask: str | None = None
+
+
+def load_recipe(preset: str | PathLike[str] | Preset | Recipe) -> Recipe:
+    """A preset as `load_preset` finds it, with the seed and the budget of the plan that it was read from, if any.
+
+    Raises PresetError, FormatError. Warns if that plan is another version's.
+    """
+    if isinstance(preset, Recipe):
+        return preset
+    if isinstance(preset, Preset) or not str(preset).lower().endswith(PLANS):
+        return Recipe(load_preset(preset))
+    from strokeplan.formats import read_settings
+
+    recorded = read_settings(preset)
+    if "preset" not in recorded:
+        raise PresetError(f"preset {preset}: no preset is recorded in this file; give one that strokeplan planned")
+    try:
+        version, seed, strokes, mask = msgspec.convert(
+            tuple(recorded.get(key) for key in ("strokeplan", "seed", "strokes", "mask")),
+            tuple[str | None, Annotated[int, Meta(ge=0)] | None, int | None, str | None],
+        )
+    except msgspec.ValidationError as error:
+        raise PresetError(f"preset {preset}: its settings are damaged ({error})") from None
+    if version != __version__:
+        warnings.warn(
+            f"{preset} was planned by strokeplan {version}; this is {__version__}, which may plan otherwise",
+            StrokeplanWarning,
+            stacklevel=2,
+        )
+    return Recipe(_from_builtins(recorded["preset"], str(preset)), seed or 0, strokes, mask)
+
+
 def load_preset(preset: str | PathLike[str] | Preset) -> Preset:
-    """A shipped preset by name, or one from a .toml file. Raises PresetError."""
+    """A shipped preset by name, one from a .toml file, or that of a plan (.json, .json.gz, .svg, .svgz).
+
+    Raises PresetError, FormatError.
+    """
     if isinstance(preset, Preset):
         return preset
+    if str(preset).lower().endswith(PLANS):
+        return load_recipe(preset).preset
     if str(preset) in names():
         return _parse((_folder() / f"{preset}.toml").read_bytes(), str(preset), str(preset))
     path = Path(preset)
@@ -208,7 +258,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
     return settings
 
 
-def style(preset: str | PathLike[str], assignments: list[str] | None) -> Preset:
+def style(preset: str | PathLike[str] | Preset, assignments: list[str] | None) -> Preset:
     """A preset as the command line gives it: by name or file, with KEY=VALUE changes."""
     return load_preset(preset).override(parse_assignments(assignments or []))
 

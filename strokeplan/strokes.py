@@ -208,7 +208,7 @@ class StrokePlan:
         return (self.stroke(i) for i in range(len(self)))
 
     def save(self, path: str | Path) -> None:
-        """Write the plan; the suffix picks the format (.json, .json.gz, .svg, .svgz, .png)."""
+        """Write the plan; the suffix picks the format (.json, .json.gz, .svg, .svgz, .pdf, .eps, .ps, .dxf, .png)."""
         from strokeplan.formats import save
 
         save(self, path)

@@ -265,6 +265,51 @@ def test_export_writes_other_formats(cli: Cli, folder: Path) -> None:
     assert (folder / "again.json").read_bytes() == (folder / "out.json").read_bytes()
 
 
+def test_export_takes_a_page_and_what_else_its_formats_know(cli: Cli, folder: Path) -> None:
+    outputs = [argument for suffix in (".svg", ".svgz") for argument in ("-o", folder / f"page{suffix}")]
+    page = ("--page", "A5", "--landscape", "--margin", "1cm")
+    more = ("--group-by", "colour", "--classes", "--outline", "--clip", "--precision", "2", "--units", "mm")
+    ended = cli("export", folder / "plan.json", *outputs, *page, *more)
+    assert (ended.code, ended.complaints) == (0, [])
+    text = (folder / "page.svg").read_text()
+    assert 'width="210mm"' in text
+    assert 'class="f0"' in text
+    assert 'clip-path="url(#canvas)"' in text
+    ended = cli(
+        "export", folder / "plan.json", "-o", folder / "a.pdf", "-o", folder / "a.eps", "-o", folder / "a.ps", *page
+    )
+    assert (ended.code, ended.complaints) == (0, [])
+    assert (folder / "a.pdf").read_bytes().startswith(b"%PDF-1.")
+    assert cli("export", folder / "plan.json", "-o", folder / "a.dxf", "--outline").code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--page", "A9"), ("page 'A9'", "A4")),
+        (("--page", "0x0mm"), ("0 × 0 mm",)),
+        (("--margin", "3"), ("margin needs a page",)),
+        (("--page", "A4", "--margin", "200"), ("margin 200 mm",)),
+        (("--precision", "7"), ("precision 7", "0..6")),
+        (("--group-by", "pen"), ("names a pen",)),
+        (("-o", "old.pdf", "--classes"), ("old.pdf", "no option classes", ".svg, .svgz")),
+        (("-o", "old.json", "--page", "A4"), ("old.json", "no option page", ".pdf")),
+    ],
+)
+def test_options_that_cannot_be_met_are_refused(
+    refused: Refused, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused(("export", "plan.json", "-o", "old.svg", *options), *words)
+
+
+def test_a_plan_is_made_again_from_its_own_svg(cli: Cli, folder: Path) -> None:
+    made = ("--set", "layers.1.width=9", "--seed", "5", "--palette", "3", "--preset", "paper")
+    assert cli("plan", folder / "photo.png", "-o", folder / "first.svg", *made).code == 0
+    ended = cli("plan", folder / "photo.png", "-o", folder / "again.svg", "--preset", folder / "first.svg")
+    assert (ended.code, ended.complaints) == (0, [])
+    assert (folder / "again.svg").read_bytes() == (folder / "first.svg").read_bytes()
+
+
 def test_info_says_what_is_in_a_file(cli: Cli, folder: Path, strokes: dict[str, Any]) -> None:
     ended = cli("info", folder / "plan.json")
     assert ended.code == 0, ended

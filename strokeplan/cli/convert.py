@@ -8,7 +8,20 @@ from typing import Annotated
 import typer
 
 from strokeplan.cli.console import echo_written, file_line
-from strokeplan.cli.options import OutputsOption, PlanArgument
+from strokeplan.cli.options import (
+    ClassesOption,
+    ClipOption,
+    ExportsOption,
+    GroupBy,
+    GroupOption,
+    LandscapeOption,
+    MarginOption,
+    OutlineOption,
+    PageOption,
+    PlanArgument,
+    PrecisionOption,
+    UnitsOption,
+)
 
 
 def render(
@@ -27,13 +40,37 @@ def render(
     typer.echo(f"wrote {file_line(output)}, {picture.shape[1]} × {picture.shape[0]} pixels")
 
 
-def export(plan: PlanArgument, output: OutputsOption) -> None:
-    """Write a strokes file in other formats."""
+def export(
+    plan: PlanArgument,
+    output: ExportsOption,
+    page: PageOption = None,
+    landscape: LandscapeOption = False,
+    margin: MarginOption = None,
+    units: UnitsOption = None,
+    precision: PrecisionOption = None,
+    group_by: GroupOption = GroupBy.layer,
+    classes: ClassesOption = False,
+    outline: OutlineOption = False,
+    clip: ClipOption = False,
+) -> None:
+    """Write a strokes file in other formats; an option must be one that every output knows."""
     from strokeplan import formats
+    from strokeplan.formats.options import ExportOptions
+    from strokeplan.page import parse_page
 
+    options = ExportOptions(
+        precision=precision,
+        units=units.value if units else None,
+        page=parse_page(page, margin, landscape=landscape),
+        group_by=group_by.value,
+        classes=classes,
+        outline=outline,
+        clip=clip,
+    )
     for path in output:
+        formats.check_options(path, options)
         formats.check_target(path)
-    formats.save_all(formats.load(plan), output)
+    formats.save_all(formats.load(plan), output, options)
     echo_written(*output)
 
 

@@ -14,6 +14,17 @@ class Orientation(StrEnum):
     gradient = "gradient"
 
 
+class Units(StrEnum):
+    px = "px"
+    mm = "mm"
+
+
+class GroupBy(StrEnum):
+    layer = "layer"
+    colour = "colour"
+    pen = "pen"
+
+
 ImageArgument = Annotated[
     Path, typer.Argument(metavar="IMAGE", help="The photo: JPEG, PNG, TIFF, WebP, BMP, GIF, PPM.")
 ]
@@ -25,9 +36,19 @@ OutputsOption = Annotated[
     ),
 ]
 PresetOption = Annotated[
-    str, typer.Option("--preset", "-p", metavar="NAME|FILE.toml", help="Style; `strokeplan presets` lists them.")
+    str,
+    typer.Option(
+        "--preset",
+        "-p",
+        metavar="NAME|FILE",
+        help="Style; `strokeplan presets` lists them. Or a .toml file, or a plan (.svg, .json), with its seed.",
+    ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", help="Seed of all chance; the same seed gives the same bytes.")]
+PlanSeedOption = Annotated[
+    int | None,
+    typer.Option("--seed", help="Seed of all chance; the same gives the same bytes. By default 0, or the plan's own."),
+]
 OrientationOption = Annotated[
     Orientation | None, typer.Option("--orientation", help="Where direction comes from; by default as the preset says.")
 ]
@@ -57,3 +78,37 @@ ThreadsOption = Annotated[
     int | None, typer.Option("--threads", help="Threads to use, by default all; the plan is the same.")
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
+
+ExportsOption = Annotated[
+    list[Path],
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="OUT",
+        help="Where to write: .svg, .svgz, .pdf, .eps, .ps, .dxf, .json, .json.gz or .png; may be repeated.",
+    ),
+]
+PageOption = Annotated[
+    str | None, typer.Option("--page", metavar="NAME|WxHmm", help="Centred on a sheet: A0..A6, letter, 200x300mm.")
+]
+LandscapeOption = Annotated[bool, typer.Option("--landscape", help="The sheet's longer side across.")]
+MarginOption = Annotated[
+    str | None, typer.Option("--margin", metavar="LENGTH", help="Bare border of the sheet: 10 (mm), 1cm, 0.5in.")
+]
+UnitsOption = Annotated[
+    Units | None, typer.Option("--units", help="Of coordinates in the file; on a page mm, else px of 1/96 inch.")
+]
+PrecisionOption = Annotated[
+    int | None,
+    typer.Option("--precision", metavar="0..6", help="Decimals of coordinates; by default 2 of px, 3 of mm."),
+]
+GroupOption = Annotated[
+    GroupBy, typer.Option("--group-by", help="What makes a layer; paint keeps its order, so a colour may have several.")
+]
+ClassesOption = Annotated[
+    bool, typer.Option("--classes", help="Strokes of one colour share it through a class: change one, change all.")
+]
+OutlineOption = Annotated[
+    bool, typer.Option("--outline", help="Every stroke as a filled outline, for cutters and the like.")
+]
+ClipOption = Annotated[bool, typer.Option("--clip", help="Nothing shows outside of the canvas.")]

@@ -15,9 +15,9 @@ from strokeplan.cli.options import (
     OrientationOption,
     OutputsOption,
     PaletteOption,
+    PlanSeedOption,
     PresetOption,
     QuietOption,
-    SeedOption,
     SetOption,
     StrokesOption,
     ThreadsOption,
@@ -32,7 +32,7 @@ def plan(
     image: ImageArgument,
     output: OutputsOption,
     preset: PresetOption = "fine",
-    seed: SeedOption = 0,
+    seed: PlanSeedOption = None,
     strokes: StrokesOption = None,
     detail: DetailOption = None,
     palette: PaletteOption = None,
@@ -52,7 +52,8 @@ def plan(
 
     for path in output:
         formats.check_target(path, image)
-    style = presets.style(preset, settings)
+    recipe = presets.load_recipe(preset)
+    style = presets.style(recipe.preset, settings)
     if palette is not None:
         style = style.override(msgspec.to_builtins(parse_palette(palette)))
     reading = begin(load_photo, image)  # while this thread imports Numba
@@ -68,7 +69,7 @@ def plan(
     with planning_bar(quiet) as progress:
         painted = planner.plan(
             photo,
-            style,
+            recipe._replace(preset=style),
             seed,
             orientation=orientation.value if orientation else None,
             strokes=strokes,

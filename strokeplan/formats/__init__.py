@@ -8,30 +8,65 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 from strokeplan.errors import FormatError, OutputError
 from strokeplan.files import atomic_write, check_writable
+from strokeplan.formats.options import DEFAULTS, ExportOptions
 from strokeplan.strokes import StrokePlan
 
-Encoder = Callable[[StrokePlan], bytes]
+
+class Writer(NamedTuple):
+    """How a format is written, which of the ExportOptions it heeds, and what raises MissingExtraError without it."""
+
+    encode: Callable[[StrokePlan, ExportOptions], bytes]
+    options: tuple[str, ...] = ()
+    require: Callable[[], object] | None = None
 
 
-def _json(plan: StrokePlan) -> bytes:
+def _json(plan: StrokePlan, _: ExportOptions) -> bytes:
     from strokeplan.formats.json import encode
 
     return encode(plan)
 
 
-def _svg(plan: StrokePlan) -> bytes:
+def _svg(plan: StrokePlan, options: ExportOptions) -> bytes:
     from strokeplan.formats.svg import encode
 
-    return encode(plan)
+    return encode(plan, options)
 
 
-def _png(plan: StrokePlan) -> bytes:
+def _png(plan: StrokePlan, _: ExportOptions) -> bytes:
     from strokeplan.rendering import encode_png, render
 
     return encode_png(render(plan))
+
+
+def _vector(kind: Literal["pdf", "ps", "eps"]) -> Writer:
+    def encode(plan: StrokePlan, options: ExportOptions) -> bytes:
+        from strokeplan.rendering.vector import encode_vector
+
+        return encode_vector(plan, kind, options)
+
+    return Writer(encode, ("page", "outline", "clip"), _cairo)
+
+
+def _dxf(plan: StrokePlan, options: ExportOptions) -> bytes:
+    from strokeplan.formats.dxf import encode
+
+    return encode(plan, options)
+
+
+def _cairo() -> object:
+    from strokeplan.rendering import require_cairo
+
+    return require_cairo()
+
+
+def _ezdxf() -> object:
+    from strokeplan.formats.dxf import require_ezdxf
+
+    return require_ezdxf()
 
 
 def compress(data: bytes) -> bytes:
@@ -39,22 +74,27 @@ def compress(data: bytes) -> bytes:
     return gzip.compress(data, compresslevel=6, mtime=0)  # no time stamp: the same plan gives the same bytes
 
 
-def _gzipped(encode: Encoder) -> Encoder:
-    return lambda plan: compress(encode(plan))
+def _gzipped(writer: Writer) -> Writer:
+    return writer._replace(encode=lambda plan, options: compress(writer.encode(plan, options)))
 
 
-WRITERS: dict[str, Encoder] = {
-    ".json": _json,
-    ".json.gz": _gzipped(_json),
-    ".svg": _svg,
-    ".svgz": _gzipped(_svg),
-    ".png": _png,
+_SVG = Writer(_svg, ("precision", "units", "page", "group_by", "classes", "outline", "clip"))
+WRITERS: dict[str, Writer] = {
+    ".json": Writer(_json),
+    ".json.gz": _gzipped(Writer(_json)),
+    ".svg": _SVG,
+    ".svgz": _gzipped(_SVG),
+    ".png": Writer(_png, require=_cairo),
+    ".pdf": _vector("pdf"),
+    ".eps": _vector("eps"),
+    ".ps": _vector("ps"),
+    ".dxf": Writer(_dxf, ("page", "group_by", "outline"), _ezdxf),
 }
 READABLE = (".json", ".json.gz")
 
 
-def writer(path: str | os.PathLike[str]) -> Encoder:
-    """The encoder for the suffix of `path`. Raises FormatError for one that nobody handles."""
+def writer(path: str | os.PathLike[str]) -> Writer:
+    """The writer for the suffix of `path`. Raises FormatError for one that nobody handles."""
     name = Path(path).name.lower()
     for suffix in sorted(WRITERS, key=len, reverse=True):
         if name.endswith(suffix):
@@ -65,8 +105,22 @@ def writer(path: str | os.PathLike[str]) -> Encoder:
 def prepare(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Import what `save` will need for these paths, so that it need not be waited for then."""
     for path in paths:
-        if writer(path) in (WRITERS[".svg"], WRITERS[".svgz"]):
+        if writer(path).encode in (WRITERS[".svg"].encode, WRITERS[".svgz"].encode):
             import_module("strokeplan.formats.svg")
+
+
+def _paints_pixels(path: str | os.PathLike[str]) -> bool:
+    return writer(path).encode is _png
+
+
+def check_options(path: str | os.PathLike[str], options: ExportOptions) -> None:
+    """Raise FormatError for an option that the format of `path` has no place for."""
+    for name in options.asked:
+        if name not in writer(path).options:
+            takers = [suffix for suffix, known in WRITERS.items() if name in known.options]
+            raise FormatError(
+                f"{path}: {Path(path).suffix} has no option {name.replace('_', '-')}; it is for {', '.join(takers)}"
+            )
 
 
 def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
@@ -74,10 +128,9 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
 
     Also if `path` is one of the files that the work starts from.
     """
-    if writer(path) is _png:
-        from strokeplan.rendering import require_cairo
-
-        require_cairo()
+    require = writer(path).require
+    if require is not None:
+        require()
     check_writable(path)
     for source in inputs:
         with suppress(OSError):  # one of them does not exist
@@ -87,7 +140,7 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
 
 def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: int) -> None:
     """Raise InputError if one of `paths` is a picture, and too large for it at the canvas's own size."""
-    if any(writer(path) is _png for path in paths):
+    if any(map(_paints_pixels, paths)):
         from strokeplan.rendering import check_sides
 
         check_sides(width, height)
@@ -95,7 +148,7 @@ def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: in
 
 def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
     """`check_target` for a command that makes pictures only."""
-    if writer(path) is not _png:
+    if not _paints_pixels(path):
         raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known is .png")
     check_target(path, *inputs)
 
@@ -114,14 +167,16 @@ def write(path: str | os.PathLike[str], data: bytes) -> None:
         stream.write(data)
 
 
-def save(plan: StrokePlan, path: str | os.PathLike[str]) -> None:
-    """Write `plan` to `path`, whole or not at all. Raises FormatError, OutputError, MissingExtraError."""
-    write(path, writer(path)(plan))
+def save(plan: StrokePlan, path: str | os.PathLike[str], options: ExportOptions = DEFAULTS) -> None:
+    """Write `plan` to `path`, whole or not at all. Raises FormatError, InputError, OutputError, MissingExtraError."""
+    save_all(plan, [path], options)
 
 
-def save_all(plan: StrokePlan, paths: Sequence[str | os.PathLike[str]]) -> None:
+def save_all(plan: StrokePlan, paths: Sequence[str | os.PathLike[str]], options: ExportOptions = DEFAULTS) -> None:
     """Save `plan` to every path; nothing is written before all are encoded."""
-    encoded = [writer(path)(plan) for path in paths]
+    for path in paths:
+        check_options(path, options)
+    encoded = [writer(path).encode(plan, options) for path in paths]
     for path, data in zip(paths, encoded, strict=True):
         write(path, data)
 
@@ -134,3 +189,12 @@ def load(path: str | os.PathLike[str]) -> StrokePlan:
     if not name.endswith(READABLE):
         raise FormatError(f"{path}: not a strokes file by its suffix; readable are {', '.join(READABLE)}")
     return decode(read(path), str(path))
+
+
+def read_settings(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What reproduces the plan in a strokes file or an SVG of ours, without its strokes. Raises FormatError."""
+    if Path(path).name.lower().endswith((".svg", ".svgz")):
+        from strokeplan.formats.svg import read_settings as read_svg
+
+        return read_svg(path)
+    return load(path).settings

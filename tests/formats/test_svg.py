@@ -205,7 +205,7 @@ def validate(data: bytes) -> subprocess.CompletedProcess[bytes]:
     """xmllint against the W3C's DTD of SVG 1.1, without what a DTD cannot know: foreign attributes and elements."""
     root = parse(data)
     for element in root.iter():
-        for name in [name for name in element.attrib if name.startswith(f"{{{INKSCAPE}}}")]:
+        for name in [name for name in element.attrib if name.startswith((f"{{{INKSCAPE}}}", "{urn:strokeplan}"))]:
             del element.attrib[name]
     for metadata in root.iter(f"{{{SVG}}}metadata"):
         metadata.clear()
