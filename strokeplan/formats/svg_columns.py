@@ -116,7 +116,7 @@ class Columns:
         points = np.frombuffer(self.flat, np.float64).reshape(-1, 2).copy() if self.strokes else np.empty((0, 2))
         for (first, matrix), (last, _) in pairwise([*self.turns, (len(self.strokes), IDENTITY)]):
             _transform(points[starts[first] : starts[last]], matrix)
-        self._refuse(~(np.abs(points) <= MAX_COORDINATE).all(axis=1), starts)
+        self._refuse(np.abs(points).max(axis=1, initial=0.0), starts)
         width, height = self._size(points)
         decimals = DIGITS - int(np.ceil(log10(max(width, height))))
         colors = np.array([stroke.color for stroke in self.strokes], np.float64).reshape(-1, 4)
@@ -137,7 +137,8 @@ class Columns:
             pens=pens if any(pen is not None for pen in pens) else None,
         )
 
-    def _refuse(self, bad: NDArray[np.bool_], starts: NDArray[np.int64]) -> None:
+    def _refuse(self, reach: NDArray[np.float64], starts: NDArray[np.int64]) -> None:
+        bad = ~(reach <= MAX_COORDINATE)
         if bad.any():
             node = self.strokes[int(np.searchsorted(starts, np.argmax(bad), side="right")) - 1].node
             raise FormatError(f"{node}: a coordinate is not within ±{MAX_COORDINATE:g}")

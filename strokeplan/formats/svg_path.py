@@ -75,7 +75,7 @@ class _Tracer:
             raise ValueError(f"{command!r} in path data is no command")
         count, method = _COUNTS[kind]
         given = _arc_numbers(text) if kind == "a" else numbers(text)
-        if count and (not given or len(given) % count) or (given and not count):
+        if (count and (not given or len(given) % count)) or (given and not count):
             raise ValueError(f"{command!r} in path data has {len(given)} numbers; it takes {count or 'none'} each time")
         if kind not in "mz" and self.chain is None:
             self.begin()
@@ -144,13 +144,14 @@ class _Tracer:
     def smooth_cubics(self, given: list[float], relative: bool) -> None:
         for i in range(0, len(given), 4):
             ax, ay = self.mirrored("cs")
-            b, end = self.at(*given[i : i + 2], relative), self.at(*given[i + 2 : i + 4], relative)
-            self.cubic(ax, ay, *b, *end)
+            bx, by, x, y = given[i : i + 4]
+            self.cubic(ax, ay, *self.at(bx, by, relative), *self.at(x, y, relative))
             self.last = "s"
 
     def quadratics(self, given: list[float], relative: bool) -> None:
         for i in range(0, len(given), 4):
-            self.quadratic(*self.at(*given[i : i + 2], relative), *self.at(*given[i + 2 : i + 4], relative))
+            qx, qy, x, y = given[i : i + 4]
+            self.quadratic(*self.at(qx, qy, relative), *self.at(x, y, relative))
 
     def smooth_quadratics(self, given: list[float], relative: bool) -> None:
         for dx, dy in zip(given[::2], given[1::2], strict=True):

@@ -33,7 +33,7 @@ from strokeplan.formats.svg_style import (
     parse_transform,
 )
 from strokeplan.formats.svg_xml import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, Node, parse
-from strokeplan.strokes import StrokePlan
+from strokeplan.strokes import Cap, StrokePlan
 
 HAIRLINE = 1 / 1000
 """Width of the outline of a filled shape, as a part of the canvas's longer side: 0.3 mm on A4."""
@@ -195,7 +195,7 @@ class _Walk:
             return state
         name = node.attributes.get("inkscape:label", node.attributes.get("id"))
         medium = node.attributes.get("strokeplan:medium", state.owner.medium)
-        cap = "butt" if state.style["stroke-linecap"] == "butt" else "round"
+        cap: Cap = "butt" if state.style["stroke-linecap"] == "butt" else "round"
         owner = Owner(node, name, "ink" if medium == "ink" else "paint", cap, inkscape)
         if inkscape:
             self.columns.open(owner)
@@ -207,12 +207,14 @@ class _Walk:
         reference = node.attributes.get("href", node.attributes.get("xlink:href", ""))
         target = self.ids.get(reference.removeprefix("#")) if reference.startswith("#") else None
         entered = self.enter(node, state)
-        if target is None or entered is None:
-            self.lost["use of nothing in the file"] += entered is not None
+        if entered is None:
+            return
+        if target is None:
+            self.lost["use of what is not in the file"] += 1
             return
         if target in self.ancestors or target is node:
             raise FormatError(f"{node}: uses {reference[:60]!r}, in which it stands itself")
-        x, y = (parse_length(node.attributes.get(side, "0"), whole) or 0.0 for side, whole in zip("xy", state.size))
+        x, y = _place(node, state)
         entered = entered._replace(matrix=compose(entered.matrix, (1.0, 0.0, 0.0, 1.0, x, y)))
         self.ancestors.append(node)
         if target.tag in ("symbol", "svg"):
@@ -224,12 +226,11 @@ class _Walk:
     def viewport(self, node: Node, sized: Node, state: _State) -> None:
         """An inner <svg>, or a <symbol> as large as its use says."""
         given = {**node.attributes, **{k: v for k, v in sized.attributes.items() if k in ("width", "height")}}
-        place = node.attributes if node.tag == "svg" else {}
         width, height = (
             parse_length(given.get(side, "100%"), whole) or 0.0
             for side, whole in zip(("width", "height"), state.size, strict=True)
         )
-        x, y = (parse_length(place.get(side, "0"), whole) or 0.0 for side, whole in zip("xy", state.size, strict=True))
+        x, y = _place(node, state) if node.tag == "svg" else (0.0, 0.0)
         if width <= 0 or height <= 0:
             return
         matrix, size = compose(state.matrix, (1.0, 0.0, 0.0, 1.0, x, y)), (width, height)
@@ -253,8 +254,10 @@ class _Walk:
             self.lost["filled shape kept as its outline"] += 1
             line, width = fill, 0.0
         else:
-            self.lost["fill left out"] += fill is not None
-            self.lost["dashed line drawn through"] += style["stroke-dasharray"] not in ("none", "0")
+            if fill is not None:
+                self.lost["fill left out"] += 1
+            if style["stroke-dasharray"] not in ("none", "0"):
+                self.lost["dashed line drawn through"] += 1
         stroke = Stroke(node, line, width, node.attributes.get("strokeplan:pen"), style["stroke-linecap"] != "butt")
         for chain in self.chains(node, self.path_data(node, state)):
             self.columns.add(chain, state.matrix, state.owner, stroke)
@@ -328,11 +331,9 @@ class _Walk:
             return False
         x, y, width, height, *_ = self.lengths(node, state.size).values()
         slack = 1e-3 * max(self.canvas.width, self.canvas.height)
-        spans = (
-            (a * x + e, a * (x + width) + e, self.canvas.width),
-            (d * y + f, d * (y + height) + f, self.canvas.height),
-        )
-        return all(min(p, q) <= slack and max(p, q) >= whole - slack for p, q, whole in spans)
+        across = (a * x + e, a * (x + width) + e, self.canvas.width)
+        down = (d * y + f, d * (y + height) + f, self.canvas.height)
+        return all(min(p, q) <= slack and max(p, q) >= whole - slack for p, q, whole in (across, down))
 
     # Colours
 
@@ -362,7 +363,8 @@ class _Walk:
                 red, green, blue, opacity = (sum(values) / len(stops) for values in zip(*stops, strict=True))
                 return round(red), round(green), round(blue), opacity
             node = self.ids.get(node.attributes.get("href", node.attributes.get("xlink:href", "")).removeprefix("#"))
-        self.lost["pattern left out"] += node is not None and node.tag == "pattern"
+        if node is not None and node.tag == "pattern":
+            self.lost["pattern left out"] += 1
         return parse_color(text.rpartition(")")[2])
 
     def stop(self, node: Node) -> tuple[float, float, float, float]:
@@ -375,6 +377,11 @@ def _target(reference: str) -> str | None:
     """ "url(#a) red" → "a"."""
     inside = reference.removeprefix("url(").partition(")")[0].strip(" '\"")
     return inside[1:] if reference.startswith("url(") and inside.startswith("#") else None
+
+
+def _place(node: Node, state: _State) -> tuple[float, float]:
+    x, y = (parse_length(node.attributes.get(name, "0"), whole) for name, whole in zip("xy", state.size, strict=True))
+    return x or 0.0, y or 0.0
 
 
 def _scale(matrix: Matrix) -> float:
