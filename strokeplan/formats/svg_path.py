@@ -62,6 +62,8 @@ def numbers(text: str) -> list[float]:
 class _Tracer:
     """Follows path data: where it stands, and the chains so far."""
 
+    __slots__ = ("chain", "chains", "handle", "last", "start", "x", "y")
+
     def __init__(self) -> None:
         self.chains: list[Chain] = []
         self.chain: Chain | None = None
@@ -136,10 +138,14 @@ class _Tracer:
             self.chain += given
             self.handle, self.x, self.y = (given[-4], given[-3]), given[-2], given[-1]
             return
-        for i in range(0, len(given), 6):
-            a, b, c, d, e, f = given[i : i + 6]
-            x, y = self.x, self.y
-            self.cubic(x + a, y + b, x + c, y + d, x + e, y + f)
+        x, y, chain = self.x, self.y, self.chain
+        assert chain is not None  # noqa: S101 - draw began it
+        numbers = iter(given)
+        for a, b, c, d, e, f in zip(numbers, numbers, numbers, numbers, numbers, numbers, strict=True):
+            chain += (x + a, y + b, x + c, y + d, x + e, y + f)
+            x += e
+            y += f
+        self.handle, self.x, self.y = (chain[-4], chain[-3]), x, y
 
     def smooth_cubics(self, given: list[float], relative: bool) -> None:
         for i in range(0, len(given), 4):

@@ -15,11 +15,15 @@ from collections import Counter
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from strokeplan.errors import FormatError, StrokeplanWarning
 from strokeplan.formats.json import paused_gc
 from strokeplan.formats.json import read as read_bytes
 from strokeplan.formats.svg_canvas import DEFAULT_SIZE, read_canvas, view_box, view_matrix
 from strokeplan.formats.svg_columns import Columns, Owner, Stroke
+from strokeplan.formats.svg_moved import moved
 from strokeplan.formats.svg_path import numbers, shape_data, subpaths
 from strokeplan.formats.svg_style import (
     INHERITED,
@@ -33,10 +37,12 @@ from strokeplan.formats.svg_style import (
     parse_transform,
 )
 from strokeplan.formats.svg_xml import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, Node, parse
-from strokeplan.strokes import Cap, StrokePlan
+from strokeplan.strokes import MAX_COORDINATE, MAX_SIZE, Cap, StrokePlan
 
 HAIRLINE = 1 / 1000
 """Width of the outline of a filled shape, as a part of the canvas's longer side: 0.3 mm on A4."""
+UNMOVED = 2.5e-4
+"""An outline of ours is off by less than this part of the canvas's longer side: a quarter of a pixel on 1,000."""
 MAX_STOPS = 1000
 """Stops of a gradient that are looked at."""
 
@@ -167,7 +173,7 @@ class _Walk:
                 matrix = compose(matrix, parse_transform(node.attributes["transform"]))
             except ValueError as error:
                 raise FormatError(f"{node}: {error}") from None
-        return state._replace(style=style, matrix=matrix, opacity=opacity)
+        return _State(style, matrix, opacity, state.size, state.owner)
 
     def count_effects(self, declared: Style) -> None:
         for name in ("clip-path", "mask", "filter"):
@@ -259,6 +265,9 @@ class _Walk:
             if style["stroke-dasharray"] not in ("none", "0"):
                 self.lost["dashed line drawn through"] += 1
         stroke = Stroke(node, line, width, node.attributes.get("strokeplan:pen"), style["stroke-linecap"] != "butt")
+        self.plain(node, state, stroke)
+
+    def plain(self, node: Node, state: _State, stroke: Stroke) -> None:
         for chain in self.chains(node, self.path_data(node, state)):
             self.columns.add(chain, state.matrix, state.owner, stroke)
 
@@ -276,9 +285,26 @@ class _Walk:
             raise FormatError(f"{node}: width, pressure and angle of strokeplan are numbers ({error})") from None
         if len(chains) != 1:
             raise FormatError(f"{node}: strokeplan:d has {len(chains)} subpaths; a stroke has one")
-        width *= _scale(state.matrix)
+        matrix = self.moved(node, state, chains[0], 0.5 * width * np.array(along["pressure"] or [1.0]))
+        if matrix is None:
+            self.lost["brush stroke of another shape kept as its outline"] += 1
+            self.plain(node, state, Stroke(node, color, 0.0, given.get("strokeplan:pen"), True))
+            return
+        width *= _scale(matrix)
         stroke = Stroke(node, color, width, given.get("strokeplan:pen"), state.style["stroke-linecap"] != "butt")
-        self.columns.add(chains[0], state.matrix, state.owner, stroke, along)
+        self.columns.add(chains[0], matrix, state.owner, stroke, along)
+
+    def moved(self, node: Node, state: _State, chain: list[float], radii: NDArray[np.float64]) -> Matrix | None:
+        """The transform of a stroke of ours, with what was done to its outline; None if that is another one now."""
+        knots = len(chain) // 6 + 1
+        if len(radii) not in (1, knots) or not max(map(abs, chain)) <= MAX_COORDINATE or not (radii <= MAX_SIZE).all():
+            return state.matrix  # refused when it is added
+        shown = self.chains(node, node.attributes.get("d", ""))
+        longer = max(self.canvas.width or 0.0, self.canvas.height or 0.0)
+        slack = UNMOVED * longer / (_scale(state.matrix) or 1.0)
+        round_caps = state.style["stroke-linecap"] != "butt"
+        found = moved(chain, np.broadcast_to(radii, knots).copy(), shown, slack, round_caps=round_caps)
+        return None if found is None else compose(state.matrix, found)
 
     def chains(self, node: Node, data: str) -> list[list[float]]:
         self.characters += len(data)
@@ -340,15 +366,18 @@ class _Walk:
     def paint(self, state: _State, name: str) -> tuple[int, int, int, float] | None:
         """The colour of a stroke or fill with its opacity; None where nothing is seen."""
         text = state.style[name]
+        if text == "none":
+            return None
         if text.startswith("url"):
             color = self.server(text)
         else:
             color = parse_color(state.style["color"] if text.lower() == "currentcolor" else text)
         if color is None:
             return None
-        opacity = color[3] * state.opacity
-        if (own := state.style[f"{name}-opacity"]) != "1":
-            opacity *= parse_opacity(own)
+        own = state.style[f"{name}-opacity"]
+        if own == "1" and state.opacity == 1:
+            return color if color[3] else None
+        opacity = color[3] * state.opacity * parse_opacity(own)
         return (*color[:3], opacity) if opacity > 0 else None
 
     def server(self, text: str) -> tuple[int, int, int, float] | None:

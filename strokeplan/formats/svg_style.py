@@ -149,7 +149,7 @@ def _declarations(body: str) -> list[tuple[str, str, bool]]:
     return found
 
 
-@lru_cache(maxsize=1 << 14)
+@lru_cache(maxsize=1 << 10)
 def inline(text: str) -> tuple[tuple[str, str, bool], ...]:
     """(property, value, whether important) of a style attribute."""
     return tuple(_declarations(text))
@@ -158,9 +158,14 @@ def inline(text: str) -> tuple[tuple[str, str, bool], ...]:
 # Values
 
 
+_HEX = re.compile("#[0-9a-fA-F]{6}")
+
+
 @lru_cache(maxsize=1 << 14)
 def parse_color(text: str) -> tuple[int, int, int, float] | None:
     """sRGB of 8 bits and opacity 0..1; None for "none" and for what is no colour."""
+    if _HEX.fullmatch(text):  # nearly all of them, and a file can have a hundred thousand
+        return int(text[1:3], 16), int(text[3:5], 16), int(text[5:], 16), 1.0
     from PIL import ImageColor
 
     text = text.strip().lower()
@@ -197,6 +202,7 @@ UNITS = {
 _LENGTH = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?)\s*(%|[a-z]*)\s*", re.IGNORECASE)
 
 
+@lru_cache(maxsize=1 << 14)
 def parse_length(text: str, whole: float) -> float | None:
     """A length in user units, where "100%" is `whole`; None for what is no length."""
     found = _LENGTH.fullmatch(text)
