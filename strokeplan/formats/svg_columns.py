@@ -55,7 +55,7 @@ class _Run:
 
     def __init__(self, owner: Owner) -> None:
         self.owner = owner
-        self.count = self.round = 0
+        self.count = self.votes = 0
 
 
 class Columns:
@@ -97,6 +97,7 @@ class Columns:
             raise FormatError(f"{stroke.node}: strokes come to more than {MAX_POINTS:,} points")
         self.counts.append(len(chain) // 2)
         self.strokes.append(stroke)
+        closed = chain[:2] == chain[-2:]  # has no ends to show
         for name, values in (along or {}).items():
             if values:
                 if len(values) != len(chain) // 6 + 1:
@@ -106,7 +107,7 @@ class Columns:
         if not self.runs or self.runs[-1].owner is not owner:
             self.runs.append(_Run(owner))
         self.runs[-1].count += 1
-        self.runs[-1].round += stroke.round
+        self.runs[-1].votes += 0 if closed else 1 if stroke.round else -1
 
     # The plan
 
@@ -168,7 +169,7 @@ class Columns:
         kept = [run for run in self.runs if run.count or (id(run.owner) not in full and _is_leaf(run.owner))]
         layers, first = [], 0
         for number, run in enumerate(kept, start=1):
-            cap: Cap = ("round" if 2 * run.round >= run.count else "butt") if run.count else run.owner.cap
+            cap: Cap = ("round" if run.votes >= 0 else "butt") if run.votes else run.owner.cap
             name = str(number) if run.owner.name is None else run.owner.name
             layers.append(Layer(name, first, first + run.count, run.owner.medium, cap))
             first += run.count

@@ -36,13 +36,15 @@ from strokeplan.formats.svg_style import (
     parse_opacity,
     parse_transform,
 )
-from strokeplan.formats.svg_xml import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, Node, parse
+from strokeplan.formats.svg_xml import MAX_BYTES, MAX_DEPTH, Node, parse
 from strokeplan.strokes import MAX_COORDINATE, MAX_SIZE, Cap, StrokePlan
 
 HAIRLINE = 1 / 1000
 """Width of the outline of a filled shape, as a part of the canvas's longer side: 0.3 mm on A4."""
 UNMOVED = 2.5e-4
 """An outline of ours is off by less than this part of the canvas's longer side: a quarter of a pixel on 1,000."""
+MAX_USED, MAX_USED_DATA = 200_000, 1 << 24
+"""Elements, and characters of path data, that uses may show beyond those that the file itself has."""
 MAX_STOPS = 1000
 """Stops of a gradient that are looked at."""
 
@@ -81,7 +83,7 @@ def decode(data: bytes, where: str = "SVG") -> StrokePlan:
     """
     try:
         with paused_gc():
-            walk = _Walk(parse(data))
+            walk = _Walk(parse(data), len(data))
             plan = walk.plan()
     except FormatError as error:
         raise FormatError(f"{where}: {error}") from None
@@ -94,15 +96,17 @@ def decode(data: bytes, where: str = "SVG") -> StrokePlan:
 class _Walk:
     """Through a document, in painting order."""
 
-    def __init__(self, root: Node) -> None:
+    def __init__(self, root: Node, length: int) -> None:
         if root.tag != "svg":
             raise FormatError(f"is no SVG: its root element is <{root.tag[:60]}>")
         self.root = root
         self.canvas = read_canvas(root)
         self.columns = Columns(self.canvas)
         self.ids: dict[str, Node] = {}
+        self.elements = 0
         css = []
         for node in root.walk():
+            self.elements += 1
             if "id" in node.attributes:
                 self.ids.setdefault(node.attributes["id"], node)
             if node.tag == "style":
@@ -110,6 +114,7 @@ class _Walk:
         self.sheet = Stylesheet("\n".join(css))
         self.lost: Counter[str] = Counter()
         self.ancestors: list[Node] = []
+        self.length = length
         self.visits = self.characters = 0
 
     def plan(self) -> StrokePlan:
@@ -138,8 +143,8 @@ class _Walk:
 
     def visit(self, node: Node, state: _State) -> None:
         self.visits += 1
-        if self.visits > MAX_ELEMENTS:
-            raise FormatError(f"{node}: uses show more than {MAX_ELEMENTS:,} elements; that is too much for an SVG")
+        if self.visits > self.elements + MAX_USED:
+            raise FormatError(f"{node}: uses show more than {MAX_USED:,} elements; that is too much for an SVG")
         tag = node.tag
         if tag == "path" or tag in _LENGTHS:
             entered = self.enter(node, state)
@@ -308,8 +313,10 @@ class _Walk:
 
     def chains(self, node: Node, data: str) -> list[list[float]]:
         self.characters += len(data)
-        if self.characters > MAX_BYTES:
-            raise FormatError(f"{node}: path data come to more than {MAX_BYTES >> 20} MB; that is too much for an SVG")
+        if self.characters > self.length + MAX_USED_DATA:
+            raise FormatError(
+                f"{node}: uses show more than {MAX_USED_DATA >> 20} MB of paths; that is too much for an SVG"
+            )
         try:
             return subpaths(data)
         except ValueError as error:

@@ -14,8 +14,8 @@ from xml.parsers import expat
 
 from strokeplan.errors import FormatError
 
-MAX_BYTES = 1 << 28
-"""Largest SVG read, unpacked: some 2 million strokes; a gzip bomb stops here."""
+MAX_BYTES = 1 << 27
+"""Largest SVG read, unpacked: some 800,000 strokes; a gzip bomb stops here."""
 MAX_ELEMENTS = 1_000_000
 MAX_ATTRIBUTES = 20_000_000
 MAX_DEPTH = 200
