@@ -47,20 +47,20 @@ def moved(
     slack += 1e-4 * float(np.ptp(made, axis=0).max())
     if np.abs(old - new).max() <= slack:
         return IDENTITY
-    if np.abs((old[1] - old[0]) - (new[1] - new[0])).max() <= 2 * slack:
-        shift = (new - old).mean(axis=0)
-        found = (1.0, 0.0, 0.0, 1.0, float(shift[0]), float(shift[1]))
-        if _distance(made, found, now) <= slack + FIT * float(np.ptp(now, axis=0).max()):
-            return found
     return _best(made, now, slack)
 
 
 def _best(made: Points, now: Points, slack: float) -> Matrix | None:
-    candidates = [*_stretched(_box(made), _box(now)), *_turned(made, now)]
+    shift = (_box(now) - _box(made)).mean(axis=0)
+    candidates = [
+        (1.0, 0.0, 0.0, 1.0, float(shift[0]), float(shift[1])),
+        *_stretched(_box(made), _box(now)),
+        *_turned(made, now),
+    ]
     distances = [_distance(made, matrix, now) for matrix in candidates]
-    best = int(np.argmin(distances)) if distances else -1
+    best = int(np.argmin(distances))
     extent = float(np.ptp(now, axis=0).max())
-    return candidates[best] if best >= 0 and distances[best] <= slack + FIT * extent else None
+    return candidates[best] if distances[best] <= slack + FIT * extent else None
 
 
 def _sampled(part: Sequence[float]) -> Points:
