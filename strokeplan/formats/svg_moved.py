@@ -24,6 +24,8 @@ from strokeplan.outlines import outline
 FIT, MOST = 0.02, 0.9
 """A transform holds if this many points of the outline are no further off than `slack` and this part of its extent.
 (Where a stroke covers itself, its outline has cusps within, and these differ from one tolerance to the next.)"""
+FAR = 1e4
+"""A stroke of more than this many times `slack` is far larger than the canvas; its outline is rough at cusps."""
 SAMPLES = 8
 """Points looked at on each cubic of an outline."""
 
@@ -44,7 +46,8 @@ def moved(
     if not len(made) or not len(now):
         return IDENTITY if len(made) == len(now) or not len(made) else None
     old, new = _box(made), _box(now)
-    slack += 1e-4 * float(np.ptp(made, axis=0).max())
+    extent = float(np.ptp(made, axis=0).max())
+    slack += (1e-4 if extent < FAR * slack else 1e-2) * extent
     if np.abs(old - new).max() <= slack:
         return IDENTITY
     return _best(made, now, slack)

@@ -146,7 +146,7 @@ def test_all_that_our_files_carry_is_read_back(plan: StrokePlan) -> None:
 
 @given(plans())
 def test_what_the_writer_writes_is_read_back(plan: StrokePlan) -> None:
-    plain = tuple(replace(layer, medium="paint") for layer in plan.layers)
+    plain = tuple(replace(layer, name=layer.name or "-", medium="paint") for layer in plan.layers)
     plan = cleaned(replace(plan, layers=plain, source=None, pressures=None, angles=None, pens=None))
     step = 10.0 ** -max(2, 5 - ceil(log10(max(plan.width, plan.height))))
     assert_read_back(decode(encode(plan)), plan, step, 1e-8)
