@@ -112,7 +112,10 @@ def montage(
 
 def evaluate(
     plan: Annotated[
-        Path | None, typer.Argument(metavar="PLAN", help="A strokes file (.json, .json.gz).", show_default=False)
+        Path | None,
+        typer.Argument(
+            metavar="PLAN", help="A strokes file (.json, .json.gz) or an SVG (.svg, .svgz).", show_default=False
+        ),
     ] = None,
     image: Annotated[Path | None, typer.Argument(metavar="IMAGE", help="Its photo.", show_default=False)] = None,
     folder: Annotated[

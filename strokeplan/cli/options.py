@@ -28,7 +28,9 @@ class GroupBy(StrEnum):
 ImageArgument = Annotated[
     Path, typer.Argument(metavar="IMAGE", help="The photo: JPEG, PNG, TIFF, WebP, BMP, GIF, PPM.")
 ]
-PlanArgument = Annotated[Path, typer.Argument(metavar="PLAN", help="A strokes file (.json, .json.gz).")]
+PlanArgument = Annotated[
+    Path, typer.Argument(metavar="PLAN", help="A strokes file (.json, .json.gz) or an SVG (.svg, .svgz).")
+]
 OutputsOption = Annotated[
     list[Path],
     typer.Option(

@@ -90,7 +90,7 @@ WRITERS: dict[str, Writer] = {
     ".ps": _vector("ps"),
     ".dxf": Writer(_dxf, ("page", "group_by", "outline"), _ezdxf),
 }
-READABLE = (".json", ".json.gz")
+READABLE = (".json", ".json.gz", ".svg", ".svgz")
 
 
 def writer(path: str | os.PathLike[str]) -> Writer:
@@ -182,13 +182,18 @@ def save_all(plan: StrokePlan, paths: Sequence[str | os.PathLike[str]], options:
 
 
 def load(path: str | os.PathLike[str]) -> StrokePlan:
-    """Read a strokes file (.json, .json.gz). Raises FormatError, which names the place of a fault."""
-    from strokeplan.formats.json import decode, read
+    """Read a strokes file (.json, .json.gz) or an SVG (.svg, .svgz), ours or another's (docs/reading-svg.md).
+
+    Raises FormatError, which names the place of a fault. What of an SVG is no stroke is told in a StrokeplanWarning.
+    """
+    from strokeplan.formats import json, svg_reader
 
     name = Path(path).name.lower()
     if not name.endswith(READABLE):
         raise FormatError(f"{path}: not a strokes file by its suffix; readable are {', '.join(READABLE)}")
-    return decode(read(path), str(path))
+    if name.endswith((".svg", ".svgz")):
+        return svg_reader.read(path)
+    return json.decode(json.read(path), str(path))
 
 
 def read_settings(path: str | os.PathLike[str]) -> dict[str, Any]:

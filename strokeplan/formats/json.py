@@ -154,12 +154,16 @@ def _to_file(plan: StrokePlan) -> PlanFile:
     )
 
 
-def read(path: str | os.PathLike[str]) -> bytes:
-    """The bytes of a strokes file, unpacked if its name ends in .gz. Raises FormatError."""
-    opener = gzip.open if Path(path).name.lower().endswith(".gz") else open
+def read(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
+    """The bytes of a strokes file, unpacked if its name ends in .gz or .svgz. Raises FormatError.
+
+    `limit` is the largest that is read (by default MAX_BYTES).
+    """
+    limit = MAX_BYTES if limit is None else limit
+    opener = gzip.open if Path(path).name.lower().endswith((".gz", ".svgz")) else open
     try:
         with opener(path, "rb") as stream:
-            data: bytes = stream.read(MAX_BYTES + 1)
+            data: bytes = stream.read(limit + 1)
     except FileNotFoundError:
         raise FormatError(f"{path}: no such file") from None
     except IsADirectoryError:
@@ -168,8 +172,8 @@ def read(path: str | os.PathLike[str]) -> bytes:
         raise FormatError(f"{path}: is not a whole gzip file ({error})") from None
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror})") from None
-    if len(data) > MAX_BYTES:
-        raise FormatError(f"{path}: holds more than {MAX_BYTES >> 20} MB; that is no strokes file")
+    if len(data) > limit:
+        raise FormatError(f"{path}: holds more than {limit >> 20} MB; that is no strokes file")
     return data
 
 
