@@ -73,7 +73,8 @@ PRUNE = 0.5
 DECIMALS = 2
 """Coordinates of a plan are multiples of 0.01 px, so that a plan equals its file, or of a coarser power of ten …"""
 GRID_SHARE = 1 / 40
-"""… if that is no more than this part of its finest stroke's width: nobody sees the rest, and files carry it."""
+"""… if that is no more than this part of its finest stroke's width: nobody sees the rest, and files carry it. Only of
+presets of relative lengths; one in pixels has fixed tolerances and fixed coordinates."""
 ERROR_STRIDE = 8
 """The error shown while planning is measured on every 8th pixel both ways."""
 
@@ -545,13 +546,16 @@ def _on_canvas(plan: StrokePlan, photo: Photo, settings: dict[str, Any]) -> Stro
     """A plan in pixels of its photo, its coordinates rounded."""
     scale = np.array([photo.width / plan.width, photo.height / plan.height])
     widths = plan.widths * sqrt(scale[0] * scale[1])
-    decimals = min(-floor(log10(GRID_SHARE * widths.min())), DECIMALS) if len(widths) else DECIMALS
+    decimals = DECIMALS
+    if len(widths) and settings["preset"]["lengths"] == "relative":
+        decimals = min(-floor(log10(GRID_SHARE * widths.min())), DECIMALS)
+        widths = np.round(widths, decimals + 1)
     return replace(
         plan,
         width=photo.width,
         height=photo.height,
         points=np.round(plan.points * scale, decimals) + 0.0,
-        widths=np.round(widths, decimals + 1),
+        widths=widths,
         settings=settings,
         source=Source(photo.name, photo.sha256, photo.width, photo.height),
     )

@@ -104,12 +104,12 @@ def test_a_preset_for_few_strokes_is_sound(width: float, own: int, strokes: int)
     """However many layers and however fine a brush it begins with; and asked for again it is the same."""
     layer = {"sigma": 1, "length": 50, "width": width}
     preset = for_strokes(load_preset("fine").override({"layers": [layer] * own}), strokes)
-    assert own <= len(preset.layers) <= MAX_LAYERS
     assert msgspec.convert(msgspec.to_builtins(preset), Preset) == preset
     assert for_strokes(preset, strokes) == preset
     if searched(preset, strokes):
         assert len(preset.layers) == 1
     else:
+        assert own <= len(preset.layers) <= MAX_LAYERS
         own_layers = load_preset("fine").override({"layers": [layer] * own}).layers
         assert preset.layers[len(preset.layers) - own :] == own_layers
 
