@@ -351,7 +351,7 @@ def test_a_missing_file_a_folder_and_another_suffix_are_refused_by_name(tmp_path
     for name, message in {
         "none.json": "no such file",
         "folder.json": "is a folder; give a strokes file",
-        "plan.svg": "not a strokes file by its suffix; readable are .json, .json.gz",
+        "plan.txt": "not a strokes file by its suffix; readable are .json, .json.gz, .svg, .svgz",
     }.items():
         with pytest.raises(FormatError) as caught:
             strokeplan.load(tmp_path / name)
