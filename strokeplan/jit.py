@@ -50,7 +50,7 @@ def _compiled(function: F, **options: Any) -> F:
 def _sources() -> str:
     """Digest of every module that holds kernels."""
     digest = blake2b()
-    for module in sorted(Path(__file__).parent.glob("*.py")):
+    for module in sorted(Path(__file__).parent.rglob("*.py")):
         source = module.read_bytes()
         if b"@kernel" in source or b"@leaf" in source:
             digest.update(source)
