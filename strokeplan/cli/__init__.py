@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli import convert, inspection, planning, presets
+from strokeplan.cli import convert, inspection, planning, presets, rendering
 from strokeplan.errors import StrokeplanError
 from strokeplan.version import __version__
 
@@ -47,10 +47,11 @@ def root(
 
 
 app.command("plan")(planning.plan)
-app.command("render")(convert.render)
+app.command("render")(rendering.render)
 app.command("export")(convert.export)
 app.command("info")(convert.info)
 app.command("evaluate")(inspection.evaluate)
+app.command("brushes")(rendering.brushes)
 app.command("inspect")(inspection.inspect)
 app.command("montage")(inspection.montage)
 app.add_typer(presets.app, name="presets")

@@ -27,10 +27,13 @@ def _svg(plan: StrokePlan) -> bytes:
     return encode(plan)
 
 
-def _png(plan: StrokePlan) -> bytes:
-    from strokeplan.rendering import encode_png, render
+def _picture(suffix: str) -> Encoder:
+    def encode(plan: StrokePlan) -> bytes:
+        from strokeplan.rendering.pictures import encode
 
-    return encode_png(render(plan))
+        return encode(plan, suffix)
+
+    return encode
 
 
 def compress(data: bytes) -> bytes:
@@ -42,14 +45,21 @@ def _gzipped(encode: Encoder) -> Encoder:
     return lambda plan: compress(encode(plan))
 
 
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp")
+"""Suffixes of pictures; rendering.pictures knows what each holds."""
 WRITERS: dict[str, Encoder] = {
     ".json": _json,
     ".json.gz": _gzipped(_json),
     ".svg": _svg,
     ".svgz": _gzipped(_svg),
-    ".png": _png,
+    **{suffix: _picture(suffix) for suffix in PICTURES},
 }
 READABLE = (".json", ".json.gz")
+
+
+def is_picture(path: str | os.PathLike[str]) -> bool:
+    """Whether the suffix of `path` is a picture's."""
+    return Path(path).name.lower().endswith(PICTURES)
 
 
 def writer(path: str | os.PathLike[str]) -> Encoder:
@@ -66,7 +76,8 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
 
     Also if `path` is one of the files that the work starts from.
     """
-    if writer(path) is _png:
+    writer(path)
+    if is_picture(path):
         from strokeplan.rendering import require_cairo
 
         require_cairo()
@@ -79,15 +90,17 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
 
 def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: int) -> None:
     """Raise InputError if one of `paths` is a picture, and too large for it at the canvas's own size."""
-    if any(writer(path) is _png for path in paths):
-        from strokeplan.rendering import check_sides
+    for path in filter(is_picture, paths):
+        from strokeplan.rendering import pictures
+        from strokeplan.rendering.view import View, check_sides
 
         check_sides(width, height)
+        pictures.check_picture(path, View(width, height, 0, 0, width, height), channels=3)
 
 
 def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
     """`check_target` for a command that makes pictures only."""
-    if writer(path) is not _png:
+    if Path(path).suffix.lower() != ".png":
         raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known is .png")
     check_target(path, *inputs)
 

@@ -28,6 +28,10 @@ class Brush(Protocol):
     def reach(self) -> float:
         """How far from a stroke's curve its paint may lie, in half widths."""
 
+    @property
+    def detail(self) -> float:
+        """Size, in half widths, of the finest detail that must not be blurred into a tint: 1 if there is none."""
+
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         """Paint the strokes of these numbers, in this order. Several threads may do so on tiles of their own."""
 
@@ -54,7 +58,9 @@ def as_brush(brush: str | Brush) -> Brush:
     kind = BRUSHES[name]
     for key in values:
         if key not in kind.__struct_fields__:
-            raise InputError(f"brush {name} has no {key!r}; it has {', '.join(kind.__struct_fields__) or 'no settings'}")
+            raise InputError(
+                f"brush {name} has no {key!r}; it has {', '.join(kind.__struct_fields__) or 'no settings'}"
+            )
     try:
         made: Brush = msgspec.convert(values, kind, strict=False)
     except msgspec.ValidationError as error:

@@ -29,13 +29,15 @@ class Ground:
     def transparent(self) -> bool:
         return self.color is None
 
-    def lay(self, surface: Surface, left: int, top: int, shown: View) -> None:
-        """Lay the picture where it belongs on the surface of a tile whose first pixel is (left, top)."""
+    def lay(self, surface: Surface, left: int, top: int, shown: View, finer: int = 1) -> None:
+        """Lay the picture where it belongs on a tile whose first pixel is (left, top), all `finer` times as large."""
         if self.picture is None:
             return
         pixels = surface.pixels()
         rows, columns = pixels.shape[:2]
-        pixels[..., CHANNELS[:3]] = covering(self.picture, shown, left, top, columns, rows)
+        pixels[..., CHANNELS[:3]] = covering(
+            self.picture, finer * shown.columns, finer * shown.rows, left, top, columns, rows
+        )
         surface.touched()
 
 
@@ -66,7 +68,9 @@ def _named(background: str | os.PathLike[str], plan: StrokePlan, shown: View) ->
         color = ImageColor.getrgb(text)
     except ValueError:
         if not Path(text).suffix:
-            raise InputError(f"background {text!r} is no colour; try #faf0e6, white, transparent or photo.jpg") from None
+            raise InputError(
+                f"background {text!r} is no colour; try #faf0e6, white, transparent or photo.jpg"
+            ) from None
         try:
             return Ground(plan.background, _reduced(load_photo(text).rgb, shown))
         except ImageError as error:
@@ -77,15 +81,15 @@ def _named(background: str | os.PathLike[str], plan: StrokePlan, shown: View) ->
 
 
 def covering(
-    picture: NDArray[np.uint8], shown: View, left: int, top: int, columns: int, rows: int
+    picture: NDArray[np.uint8], wide: int, tall: int, left: int, top: int, columns: int, rows: int
 ) -> NDArray[np.uint8]:
-    """A piece of the picture as it covers the enlarged canvas, in its own proportions, cut where it stands out.
+    """A piece of the picture as it covers a canvas of `wide` × `tall` pixels, in its own proportions, cut where it stands out.
 
     Every pixel depends on its place on the canvas alone: linear between the picture's pixels.
     """
-    factor = max(shown.columns / picture.shape[1], shown.rows / picture.shape[0])
-    y0, y1, wy = _between(top, rows, picture.shape[0], shown.rows, factor)
-    x0, x1, wx = _between(left, columns, picture.shape[1], shown.columns, factor)
+    factor = max(wide / picture.shape[1], tall / picture.shape[0])
+    y0, y1, wy = _between(top, rows, picture.shape[0], tall, factor)
+    x0, x1, wx = _between(left, columns, picture.shape[1], wide, factor)
     wx, wy = wx[:, None], wy[:, None, None]
     upper = picture[y0][:, x0] * (1 - wx) + picture[y0][:, x1] * wx
     lower = picture[y1][:, x0] * (1 - wx) + picture[y1][:, x1] * wx

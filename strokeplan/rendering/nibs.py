@@ -34,6 +34,10 @@ class Round(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def reach(self) -> float:
         return 1.0
 
+    @property
+    def detail(self) -> float:
+        return 1.0
+
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         cairo = require_cairo()
         context = tile.context()
@@ -77,13 +81,15 @@ class Flat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Annotated[float, msgspec.Meta(ge=-360, le=360)] | None,
         msgspec.Meta(description="of the nib, degrees from the x axis, clockwise; – as the plan says, or else 45"),
     ] = None
-    thickness: Annotated[
-        float, msgspec.Meta(ge=0.01, le=1, description="of the nib, as a part of its length")
-    ] = 0.15
+    thickness: Annotated[float, msgspec.Meta(ge=0.01, le=1, description="of the nib, as a part of its length")] = 0.15
 
     @property
     def reach(self) -> float:
         return float(np.hypot(1.0, self.thickness))
+
+    @property
+    def detail(self) -> float:
+        return 1.0
 
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         context = tile.context()
@@ -151,15 +157,16 @@ def flattened(
         steps[k] = max(subdivisions(chain, 3 * k, tolerance), int(np.ceil(8.0 * turn)) if turn > 0.0 else 1)
     out = np.empty((1 + steps.sum(), 4))
     out[0, 0], out[0, 1], out[0, 2], out[0, 3] = chain[0, 0], chain[0, 1], radii[0], angles[0]
-    n = 1
+    n, angle = 1, angles[0]
     for k in range(pieces):
         turn = _half_turned(angles[k + 1] - angles[k])
         for step in range(1, steps[k] + 1):
             t = step / steps[k]
             out[n, 0], out[n, 1] = point(chain, 3 * k, t)
             out[n, 2] = (1.0 - t) * radii[k] + t * radii[k + 1]
-            out[n, 3] = angles[k] + t * turn
+            out[n, 3] = angle + t * turn
             n += 1
+        angle += turn  # never back by a turn, where the plan's angle goes from π to 0
     return out
 
 
@@ -215,9 +222,12 @@ def _hull(points: NDArray[np.float64], out: NDArray[np.float64], at: int) -> int
     for k in range(2 * n - 1):
         p = points[k] if k < n else points[2 * n - 2 - k]
         least = 1 if k < n else upper
-        while m > least and (hull[m - 1, 0] - hull[m - 2, 0]) * (p[1] - hull[m - 2, 1]) - (
-            hull[m - 1, 1] - hull[m - 2, 1]
-        ) * (p[0] - hull[m - 2, 0]) <= 0.0:
+        while (
+            m > least
+            and (hull[m - 1, 0] - hull[m - 2, 0]) * (p[1] - hull[m - 2, 1])
+            - (hull[m - 1, 1] - hull[m - 2, 1]) * (p[0] - hull[m - 2, 0])
+            <= 0.0
+        ):
             m -= 1
         hull[m] = p
         m += 1

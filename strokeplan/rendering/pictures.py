@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import FormatError, InputError
-from strokeplan.rendering.raster import Job, Progress, check_memory, processors
-from strokeplan.rendering.view import MAX_SIDE, View
+from strokeplan.rendering.raster import Job, Progress, check_memory, job, processors
+from strokeplan.rendering.view import MAX_SIDE, View, view
+from strokeplan.strokes import StrokePlan
 from strokeplan.version import __version__
 
 STRIP_ROWS = 16
@@ -57,10 +58,10 @@ class PictureFormat:
 
 def picture_format(path: str | os.PathLike[str]) -> PictureFormat:
     """The format that the suffix of a path means. Raises FormatError for one that is no picture's."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in FORMATS:
-        raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known are {', '.join(FORMATS)}")
-    return FORMATS[suffix]
+    for suffix, kind in FORMATS.items():
+        if Path(path).name.lower().endswith(suffix):
+            return kind
+    raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known are {', '.join(FORMATS)}")
 
 
 def check_picture(path: str | os.PathLike[str], shown: View, channels: int) -> None:
@@ -89,6 +90,13 @@ def write_picture(
     """Paint a picture into a stream, in the format of `path`'s suffix."""
     check_picture(path, work.view, work.channels)
     picture_format(path).write(stream, work, Tags(_title(work), dpi), threads, progress)
+
+
+def encode(plan: StrokePlan, path: str | os.PathLike[str]) -> bytes:
+    """The file of a plan's picture at its own size, in the format of `path`'s suffix."""
+    stream = io.BytesIO()
+    write_picture(stream, path, job(plan, view(plan)))
+    return stream.getvalue()
 
 
 def encode_png(picture: NDArray[np.uint8]) -> bytes:

@@ -27,8 +27,12 @@ from strokeplan.rendering.tile import Tile
 from strokeplan.rendering.view import Region, View, check_sides, chosen_strokes, view
 from strokeplan.strokes import StrokePlan
 
-TILE_COLUMNS, TILE_ROWS = 4096, 256
+TILE_COLUMNS, TILE_ROWS = 2048, 256
 """Flat, because a band of tiles is what a file takes next, and as many bands as processors are in the making."""
+LEAST_DETAIL_PX = 1.2
+"""Lines of a brush that are thinner are painted larger and reduced: where translucent pixels of several strokes
+lie over each other, coverage alone no longer tells what is seen."""
+MAX_FINER = 4
 MEMORY_PART = 0.8
 """Part of the machine's memory that a picture held as a whole may take."""
 Progress = Callable[[int, int], None]
@@ -128,6 +132,19 @@ class Job:
         reach = (0.5 * self.brush.reach * plan.widths[self.strokes])[:, None]
         return np.concatenate([((low - reach) * scales - 1).T, ((high + reach) * scales + 1).T])
 
+    @cached_property
+    def _finer(self) -> int:
+        """How much larger tiles are painted, then reduced, so that the brush's detail has a pixel of its own."""
+        if len(self.strokes) == 0 or not self.antialias:
+            return 1
+        detail = (
+            self.brush.detail
+            * 0.5
+            * float(np.median(self.plan.widths[self.strokes]))
+            * min(self.view.scales(self.plan))
+        )
+        return min(max(int(np.ceil(LEAST_DETAIL_PX / detail)), 1), MAX_FINER)
+
     def picture(self, threads: int | None = None, progress: Progress | None = None) -> NDArray[np.uint8]:
         """The whole picture in memory."""
         picture = np.empty((self.view.height, self.view.width, self.channels), np.uint8)
@@ -144,7 +161,7 @@ class Job:
         count = threads or processors()
         if count < 1:
             raise InputError(f"{threads} threads can paint nothing; give at least 1")
-        _ = self._boxes  # once, before threads ask for it together
+        _ = self._boxes, self._finer  # once, before threads ask for them together
         pending: deque[Future[NDArray[np.uint8]]] = deque()
         with ThreadPoolExecutor(count) as pool:
             try:
@@ -179,16 +196,18 @@ class Job:
     def _tile(self, left: int, top: int) -> NDArray[np.uint8]:
         """The tile whose corner is there, as far as the canvas goes."""
         right, bottom = min(left + TILE_COLUMNS, self.view.columns), min(top + TILE_ROWS, self.view.rows)
-        surface = Surface(right - left, bottom - top, self.ground.color)
-        self.ground.lay(surface, left, top, self.view)
+        finer = self._finer
+        surface = Surface(finer * (right - left), finer * (bottom - top), self.ground.color)
+        self.ground.lay(surface, finer * left, finer * top, self.view, finer)
         if not self.antialias:
             surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
         boxes = self._boxes
         touching = (boxes[2] > left) & (boxes[3] > top) & (boxes[0] < right) & (boxes[1] < bottom)
         if np.any(touching):
-            tile = Tile(surface, left, top, *self.view.scales(self.plan))
+            scale_x, scale_y = self.view.scales(self.plan)
+            tile = Tile(surface, finer * left, finer * top, finer * scale_x, finer * scale_y)
             self.brush.paint(tile, self.plan, self.strokes[touching])
-        return surface.picture()
+        return surface.picture(finer)
 
 
 def processors() -> int:

@@ -56,6 +56,10 @@ class _Ribbon(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def reach(self) -> float:
         return 1.0 + FRAY
 
+    @property
+    def detail(self) -> float:
+        return 1.0
+
     def _laid(
         self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64], kind: int, angle: float | None, *values: float
     ) -> None:
@@ -114,6 +118,10 @@ class Line(_Ribbon, frozen=True, forbid_unknown_fields=True):
     fill: Annotated[float, Meta(ge=0.02, le=1, description="width of a line, as a part of their distance")] = 0.45
     jitter: Annotated[float, Meta(ge=0, le=1, description="how unevenly lines lie, begin and end")] = 0.5
     angle: Angle = None
+
+    @property
+    def detail(self) -> float:
+        return 2.0 / self.lines * min(self.fill, 1.0 - 0.5 * self.fill)
 
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         self._laid(tile, plan, strokes, LINE, self.angle, self.lines, self.fill, self.jitter)

@@ -44,9 +44,7 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str | None,
         Meta(description="file whose opaque parts (or, without alpha, dark parts) paint; – for a daub of paint"),
     ] = None
-    spacing: Annotated[
-        float, Meta(ge=0.02, le=20, description="between dabs, in widths of the brush")
-    ] = 0.35
+    spacing: Annotated[float, Meta(ge=0.02, le=20, description="between dabs, in widths of the brush")] = 0.35
     jitter: Annotated[float, Meta(ge=0, le=1, description="how far dabs are moved, turned and shrunk by chance")] = 0.3
     opacity: Annotated[float, Meta(ge=0.05, le=1, description="of a dab")] = 1.0
     angle: Annotated[
@@ -61,6 +59,10 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def check(self) -> None:
         """Raise ImageError now if the image cannot be used."""
         _pyramid(self.image)
+
+    @property
+    def detail(self) -> float:
+        return 1.0
 
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         pixels, channels = tile.pixels()

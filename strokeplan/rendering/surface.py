@@ -74,12 +74,25 @@ class Surface:
         """Tell Cairo that `pixels` were written to."""
         self._surface.mark_dirty()
 
-    def picture(self) -> NDArray[np.uint8]:
-        """The pixels so far: (h, w, 3) uint8, or (h, w, 4), not premultiplied, if the surface is transparent."""
+    def picture(self, finer: int = 1) -> NDArray[np.uint8]:
+        """The pixels so far: (h, w, 3) uint8, or (h, w, 4), not premultiplied, if the surface is transparent.
+
+        Reduced by a whole number if `finer` is one above 1.
+        """
+        pixels = self.pixels() if finer == 1 else _reduced(self.pixels(), finer)
         if not self.transparent:
-            return np.ascontiguousarray(self.pixels()[..., CHANNELS[:3]])
-        picture = np.ascontiguousarray(self.pixels()[..., CHANNELS])
-        alpha = picture[..., 3:].astype(np.uint16)
-        half = alpha // 2
-        picture[..., :3] = np.minimum((picture[..., :3].astype(np.uint32) * 255 + half) // np.maximum(alpha, 1), 255)
+            return np.ascontiguousarray(pixels[..., CHANNELS[:3]])
+        picture = np.ascontiguousarray(pixels[..., CHANNELS])
+        alpha = picture[..., 3:].astype(np.uint32)
+        colors = (picture[..., :3] * np.uint32(255) + alpha // 2) // np.maximum(alpha, 1)
+        picture[..., :3] = np.minimum(colors, 255)
         return picture
+
+
+def _reduced(pixels: NDArray[np.uint8], finer: int) -> NDArray[np.uint8]:
+    """Means of blocks of `finer` × `finer` pixels."""
+    total = np.zeros((pixels.shape[0] // finer, pixels.shape[1] // finer, 4), np.uint16)
+    for y in range(finer):
+        for x in range(finer):
+            total += pixels[y::finer, x::finer]
+    return ((total + finer * finer // 2) // (finer * finer)).astype(np.uint8)

@@ -98,9 +98,7 @@ def _inside(plan: StrokePlan, region: Region) -> Region:
     x, y, wide, tall = region
     left, top, right, bottom = max(x, 0.0), max(y, 0.0), min(x + wide, plan.width), min(y + tall, plan.height)
     if left >= right or top >= bottom:
-        raise InputError(
-            f"region {_listed(region)} lies outside the canvas, which is {plan.width:g} × {plan.height:g}"
-        )
+        raise InputError(f"region {_listed(region)} lies outside the canvas, which is {plan.width:g} × {plan.height:g}")
     return left, top, right - left, bottom - top
 
 
