@@ -10,7 +10,7 @@ from strokeplan.rendering.ribbons import Bristle, Dry, Line, Wet
 from strokeplan.rendering.stamps import Stamp
 from strokeplan.rendering.surface import Surface, require_cairo
 from strokeplan.rendering.tile import Tile
-from strokeplan.rendering.view import View, check_sides, view
+from strokeplan.rendering.view import check_sides
 
 __all__ = [
     "BRUSHES",
@@ -23,7 +23,6 @@ __all__ = [
     "Stamp",
     "Surface",
     "Tile",
-    "View",
     "Wet",
     "as_brush",
     "check_sides",
@@ -31,5 +30,4 @@ __all__ = [
     "paint",
     "render",
     "require_cairo",
-    "view",
 ]

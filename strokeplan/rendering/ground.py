@@ -30,7 +30,7 @@ class Ground:
         return self.color is None
 
     def lay(self, surface: Surface, left: int, top: int, shown: View, finer: int = 1) -> None:
-        """Lay the picture where it belongs on a tile whose first pixel is (left, top), all `finer` times as large."""
+        """Lay the picture on a tile whose first pixel is (left, top) of a canvas `finer` times as large as shown."""
         if self.picture is None:
             return
         pixels = surface.pixels()
@@ -83,7 +83,7 @@ def _named(background: str | os.PathLike[str], plan: StrokePlan, shown: View) ->
 def covering(
     picture: NDArray[np.uint8], wide: int, tall: int, left: int, top: int, columns: int, rows: int
 ) -> NDArray[np.uint8]:
-    """A piece of the picture as it covers a canvas of `wide` × `tall` pixels, in its own proportions, cut where it stands out.
+    """A piece of the picture as it covers a canvas of `wide` × `tall` pixels, in its own proportions.
 
     Every pixel depends on its place on the canvas alone: linear between the picture's pixels.
     """

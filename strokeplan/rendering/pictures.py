@@ -216,7 +216,7 @@ def _deflate(strip: NDArray[np.uint8]) -> bytes:
     """Differences of neighbours in a row (TIFF's predictor 2), which pack better than colours, in zlib's format."""
     differences = strip.copy()
     differences[:, 1:] -= strip[:, :-1]
-    return zlib.compress(differences, DEFLATE_LEVEL)
+    return zlib.compress(differences.data, DEFLATE_LEVEL)
 
 
 @cache

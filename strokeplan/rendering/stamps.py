@@ -68,6 +68,8 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         pixels, channels = tile.pixels()
         radii, knots = half_widths(plan, strokes, tile.scale)
         angles = nib_angles(plan, strokes, self.angle, np.nan)
+        if self.angle is None:
+            angles += 0.5 * np.pi  # a plan tells the long axis of its brush, which lies across what it paints
         levels, sizes = _pyramid(self.image)
         _stamps(
             pixels, channels, tile.left, tile.top, tile.whole_points(plan, strokes), knots, radii, angles,

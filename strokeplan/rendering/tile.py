@@ -43,7 +43,8 @@ class Tile:
     def whole_points(self, plan: StrokePlan, strokes: NDArray[np.int64]) -> NDArray[np.float64]:
         """Chains of some strokes, one after the other, in pixels of the whole canvas: the same for every tile."""
         places = np.repeat(plan.starts[:-1][strokes], plan.counts[strokes]) + _counted(plan.counts[strokes])
-        return plan.points[places] * (self.scale_x, self.scale_y)
+        points: NDArray[np.float64] = plan.points[places] * (self.scale_x, self.scale_y)
+        return points
 
     def pixels(self) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         """The pixels, to paint into, and which of their bytes are R, G, B and alpha."""
