@@ -94,7 +94,7 @@ def test_angles_that_pass_through_zero_turn_the_short_way() -> None:
 
 def test_texture_belongs_to_the_stroke_not_to_its_place() -> None:
     plan = straight(20, 40, 80, 40)
-    moved = replace(plan, points=plan.points + (7.0, -3.0))
+    moved = replace(plan, points=plan.points + np.array([7.0, -3.0]))
     there, here = render(moved, brush="bristle"), render(plan, brush="bristle")
     np.testing.assert_array_equal(there[:70, 10:], here[3:73, 3:113])
 
@@ -102,7 +102,7 @@ def test_texture_belongs_to_the_stroke_not_to_its_place() -> None:
 def test_no_two_strokes_have_the_same_hairs() -> None:
     plan = straight(20, 20, 90, 20)
     both = StrokePlan(
-        width=120, height=80, points=np.concatenate([plan.points, plan.points + (0.0, 40.0)]),
+        width=120, height=80, points=np.concatenate([plan.points, plan.points + np.array([0.0, 40.0])]),
         starts=np.array([0, 4, 8]), widths=np.array([20.0, 20.0]), colors=np.array([INK, INK], np.uint8),
         layers=(Layer("1", 0, 2),),
     )  # fmt: skip
