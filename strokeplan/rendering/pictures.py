@@ -151,7 +151,7 @@ def _exif(tags: Tags) -> Any:
     exif = Image.Exif()
     exif[EXIF_SOFTWARE] = SOFTWARE
     if tags.title:
-        exif[EXIF_DESCRIPTION] = tags.title
+        exif[EXIF_DESCRIPTION] = tags.title.encode()  # or all but ASCII becomes ?
     if tags.dpi is not None:
         exif[EXIF_X_DPI] = exif[EXIF_Y_DPI] = tags.dpi
         exif[EXIF_UNIT] = INCH

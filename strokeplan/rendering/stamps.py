@@ -107,8 +107,8 @@ def _mask(path: Path) -> NDArray[np.float32]:
     image.thumbnail((MASK_SIDE, MASK_SIDE), Image.Resampling.BOX)
     pixels = np.asarray(image)
     opaque = pixels.shape[2] < 4 or bool(np.all(pixels[..., 3] == 255))
-    mask = (255.0 - grey(pixels[..., :3])) / 255.0 if opaque else pixels[..., 3] / 255.0
-    if not np.any(mask > 0.0):
+    mask = 1.0 - grey(pixels[..., :3]) if opaque else pixels[..., 3] / 255.0
+    if not np.any(mask > 0.5 / 255.0):
         raise ImageError(f"stamp {path}: paints nothing; its dark or its opaque parts would")
     side = max(mask.shape)
     margins = [((side - length) // 2, side - length - (side - length) // 2) for length in mask.shape]
