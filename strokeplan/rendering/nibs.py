@@ -41,7 +41,8 @@ class Round(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         cairo = require_cairo()
         context = tile.context()
-        context.scale(tile.scale_x / tile.scale, tile.scale_y / tile.scale)  # a picture may be stretched
+        # A picture may be stretched. Units of the plan, as Cairo takes a stretch that keeps areas for none.
+        context.scale(tile.scale_x, tile.scale_y)
         context.set_line_join(cairo.LINE_JOIN_ROUND)
         for layer in plan.layers:
             first, last = np.searchsorted(strokes, (layer.first, layer.last))
@@ -51,9 +52,10 @@ class Round(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def _stroke(context: Any, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64], *, round_caps: bool) -> None:
     points, starts = tile.points(plan, strokes)
-    points *= (tile.scale / tile.scale_x, tile.scale / tile.scale_y)
+    points /= (tile.scale_x, tile.scale_y)
+    tolerance = TOLERANCE_PX / max(tile.scale_x, tile.scale_y)
     flat, ends = points.ravel().tolist(), (2 * starts).tolist()
-    widths = (plan.widths[strokes] * tile.scale).tolist()
+    widths = plan.widths[strokes].tolist()
     colors = (plan.colors[strokes] / 255).tolist()
     pressed = set(np.flatnonzero(plan.has_pressure[strokes]).tolist())
     move_to, curve_to = context.move_to, context.curve_to
@@ -61,9 +63,9 @@ def _stroke(context: Any, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int6
         context.set_source_rgb(*color)
         begin, end = ends[i], ends[i + 1]
         if i in pressed:
-            radii = plan.radii(int(strokes[i])) * tile.scale
+            radii = plan.radii(int(strokes[i]))
             chain = points[begin // 2 : end // 2]
-            for x, y in outline(chain, radii, TOLERANCE_PX, round_caps=round_caps).tolist():
+            for x, y in outline(chain, radii, tolerance, round_caps=round_caps).tolist():
                 context.line_to(x, y)
             context.fill()
             continue
