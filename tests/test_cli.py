@@ -759,7 +759,7 @@ def test_a_folder_is_no_strokes_file(refused: Refused, folder: Path) -> None:
         (("plan", "photo.png", "-o", "out.svg", "--orientation", "up"), ("--orientation", "'up'", "tensor")),
         (("plan", "photo.png", "-o", "out.svg", "--seed"), ("--seed", "requires an argument")),
         (("plan", "photo.png", "another.png", "-o", "out.svg"), ("another.png",)),
-        (("render", "plan.json", "-o", "out.png", "--scale", "big"), ("--scale", "valid float")),
+        (("render", "plan.json", "-o", "out.png", "--scale", "big"), ("--scale", "parse string")),
         (("bogus",), ("No such command", "bogus")),
         (("presets", "bogus"), ("No such command", "bogus")),
         (("--bogus",), ("No such option", "--bogus")),
