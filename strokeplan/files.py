@@ -24,8 +24,9 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         check_writable(path)
         path = path.resolve()  # through a link, to what it points to
         handle, name = tempfile.mkstemp(prefix=".strokeplan-", suffix=".part", dir=path.parent)
+        os.close(handle)
         temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
+        with temporary.open("wb") as stream:  # by its name, which tifffile asks for
             yield stream
         temporary.chmod(_mode(path))
         temporary.replace(path)

@@ -806,7 +806,7 @@ def test_a_folder_is_no_strokes_file(refused: Refused, folder: Path) -> None:
         (("plan", "photo.png", "-o", "out.svg", "--orientation", "up"), ("--orientation", "'up'", "tensor")),
         (("plan", "photo.png", "-o", "out.svg", "--seed"), ("--seed", "requires an argument")),
         (("plan", "photo.png", "another.png", "-o", "out.svg"), ("another.png",)),
-        (("render", "plan.json", "-o", "out.png", "--width", "1.5"), ("--width", "valid integer")),
+        (("render", "plan.json", "-o", "out.png", "--scale", "big"), ("--scale", "parse string")),
         (("bogus",), ("No such command", "bogus")),
         (("presets", "bogus"), ("No such command", "bogus")),
         (("--bogus",), ("No such option", "--bogus")),
@@ -897,9 +897,28 @@ def test_without_pycairo_only_pictures_are_refused(folder: Path) -> None:
     assert set(contents(folder)) == {"photo.png", "plan.json", "out.json", "out.svg"}
 
 
-def test_a_picture_that_cairo_cannot_hold_is_refused_before_the_work(refused: Refused, folder: Path) -> None:
-    Image.fromarray(np.zeros((3, 40_000, 3), np.uint8)).save(folder / "long.png")
-    refused(("plan", "long.png", "-o", "long.json", "-o", "long_strokes.png"), "40000 × 3 pixels is too large")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--width", "1.5"), "--width 1.5 is no whole number of pixels; try 2"),
+        (("--width", "297mm"), "say how fine it is printed"),
+        (("--width", "0"), "--width 0 is no size"),
+        (("--brush", "bristle:hairs=0"), "hairs=0"),
+        (("--region", "999,999,5,5"), "lies outside the canvas"),
+        (("--layers", "nose"), "no layer 'nose'"),
+        (("--background", "sky"), "background 'sky' is no colour"),
+        (("--dpi", "0"), "dpi 0 is no resolution"),
+    ],
+)
+def test_a_picture_that_makes_no_sense_is_refused(
+    refused: Refused, folder: Path, options: tuple[str, str], words: str
+) -> None:
+    refused(("render", "plan.json", "-o", "out.png", *options), words)
+
+
+def test_a_picture_that_its_format_cannot_hold_is_refused_before_the_work(refused: Refused, folder: Path) -> None:
+    Image.fromarray(np.zeros((3, 20_000, 3), np.uint8)).save(folder / "long.png")
+    refused(("plan", "long.png", "-o", "long.json", "-o", "long.webp"), "16383 pixels a side, not 20000 × 3")
 
 
 @pytest.mark.parametrize(

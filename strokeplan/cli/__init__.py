@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli import convert, inkscape, inspection, planning, presets, preview
+from strokeplan.cli import convert, inkscape, inspection, planning, presets, preview, rendering
 from strokeplan.errors import StrokeplanError
 from strokeplan.version import __version__
 
@@ -48,10 +48,11 @@ def root(
 
 
 app.command("plan")(planning.plan)
-app.command("render")(convert.render)
+app.command("render")(rendering.render)
 app.command("export")(convert.export)
 app.command("info")(convert.info)
 app.command("evaluate")(inspection.evaluate)
+app.command("brushes")(rendering.brushes)
 app.command("inspect")(inspection.inspect)
 app.command("montage")(inspection.montage)
 app.command("preview")(preview.preview)

@@ -68,6 +68,20 @@ def begin(work: Callable[..., Result], *arguments: object) -> Future[Result]:
     return future
 
 
+@contextmanager
+def painting_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """A progress callback (rows done, rows in all) for a picture; None where nobody looks."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("painting")
+        yield lambda done, rows: bar.update(task, completed=done, total=rows)
+
+
 def compile_kernels() -> None:
     """Compile the kernels, and say so, unless that has been done on this machine."""
     from strokeplan.planner import compiled, warm_up

@@ -1,13 +1,10 @@
-"""Commands that start from a strokes file: render, export, info."""
+"""Commands that start from a strokes file: export, info."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from strokeplan.cli.console import echo_written, file_line
+from strokeplan.cli.console import echo_written
 from strokeplan.cli.options import (
     ClassesOption,
     ClipOption,
@@ -22,22 +19,6 @@ from strokeplan.cli.options import (
     PrecisionOption,
     UnitsOption,
 )
-
-
-def render(
-    plan: PlanArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="The picture to write: .png.")],
-    width: Annotated[int | None, typer.Option("--width", help="Width in pixels; the height follows.")] = None,
-    height: Annotated[int | None, typer.Option("--height", help="Height in pixels; the width follows.")] = None,
-    scale: Annotated[float | None, typer.Option("--scale", help="Pixels per unit of the plan; by default 1.")] = None,
-) -> None:
-    """Paint a strokes file as a picture of any size."""
-    from strokeplan import formats, rendering
-
-    formats.check_picture(output)
-    picture = rendering.render(formats.load(plan), width=width, height=height, scale=scale)
-    formats.write(output, rendering.encode_png(picture))
-    typer.echo(f"wrote {file_line(output)}, {picture.shape[1]} × {picture.shape[0]} pixels")
 
 
 def export(

@@ -36,10 +36,13 @@ def _svg(plan: StrokePlan, options: ExportOptions) -> bytes:
     return encode(plan, options)
 
 
-def _png(plan: StrokePlan, _: ExportOptions) -> bytes:
-    from strokeplan.rendering import encode_png, render
+def _picture(suffix: str) -> Writer:
+    def encode(plan: StrokePlan, _: ExportOptions) -> bytes:
+        from strokeplan.rendering.pictures import encode
 
-    return encode_png(render(plan))
+        return encode(plan, suffix)
+
+    return Writer(encode, require=_cairo)
 
 
 def _vector(kind: Literal["pdf", "ps", "eps"]) -> Writer:
@@ -78,19 +81,26 @@ def _gzipped(writer: Writer) -> Writer:
     return writer._replace(encode=lambda plan, options: compress(writer.encode(plan, options)))
 
 
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp")
+"""Suffixes of pictures; rendering.pictures knows what each holds."""
 _SVG = Writer(_svg, ("precision", "units", "page", "group_by", "classes", "outline", "clip"))
 WRITERS: dict[str, Writer] = {
     ".json": Writer(_json),
     ".json.gz": _gzipped(Writer(_json)),
     ".svg": _SVG,
     ".svgz": _gzipped(_SVG),
-    ".png": Writer(_png, require=_cairo),
+    **{suffix: _picture(suffix) for suffix in PICTURES},
     ".pdf": _vector("pdf"),
     ".eps": _vector("eps"),
     ".ps": _vector("ps"),
     ".dxf": Writer(_dxf, ("page", "group_by", "outline"), _ezdxf),
 }
 READABLE = (".json", ".json.gz", ".svg", ".svgz")
+
+
+def is_picture(path: str | os.PathLike[str]) -> bool:
+    """Whether the suffix of `path` is a picture's."""
+    return Path(path).name.lower().endswith(PICTURES)
 
 
 def writer(path: str | os.PathLike[str]) -> Writer:
@@ -107,10 +117,6 @@ def prepare(paths: Sequence[str | os.PathLike[str]]) -> None:
     for path in paths:
         if writer(path).encode in (WRITERS[".svg"].encode, WRITERS[".svgz"].encode):
             import_module("strokeplan.formats.svg")
-
-
-def _paints_pixels(path: str | os.PathLike[str]) -> bool:
-    return writer(path).encode is _png
 
 
 def check_options(path: str | os.PathLike[str], options: ExportOptions) -> None:
@@ -140,15 +146,17 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
 
 def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: int) -> None:
     """Raise InputError if one of `paths` is a picture, and too large for it at the canvas's own size."""
-    if any(map(_paints_pixels, paths)):
-        from strokeplan.rendering import check_sides
+    for path in filter(is_picture, paths):
+        from strokeplan.rendering import pictures
+        from strokeplan.rendering.view import View, check_sides
 
         check_sides(width, height)
+        pictures.check_picture(path, View(width, height, 0, 0, width, height), channels=3)
 
 
 def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
     """`check_target` for a command that makes pictures only."""
-    if not _paints_pixels(path):
+    if Path(path).suffix.lower() != ".png":
         raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known is .png")
     check_target(path, *inputs)
 

@@ -1,7 +1,33 @@
-"""Pixels from a plan, at any size (Pycairo, the optional extra `raster`)."""
+"""Pixels from a plan, at any size, with any brush (Pycairo, the optional extra `raster`)."""
 
 from __future__ import annotations
 
-from strokeplan.rendering.raster import Surface, check_sides, encode_png, paint, render, require_cairo
+from strokeplan.rendering.brushes import BRUSHES, Brush, as_brush
+from strokeplan.rendering.nibs import Flat, Round
+from strokeplan.rendering.pictures import encode_png
+from strokeplan.rendering.raster import paint, render
+from strokeplan.rendering.ribbons import Bristle, Dry, Line, Wet
+from strokeplan.rendering.stamps import Stamp
+from strokeplan.rendering.surface import Surface, require_cairo
+from strokeplan.rendering.tile import Tile
+from strokeplan.rendering.view import check_sides
 
-__all__ = ["Surface", "check_sides", "encode_png", "paint", "render", "require_cairo"]
+__all__ = [
+    "BRUSHES",
+    "Bristle",
+    "Brush",
+    "Dry",
+    "Flat",
+    "Line",
+    "Round",
+    "Stamp",
+    "Surface",
+    "Tile",
+    "Wet",
+    "as_brush",
+    "check_sides",
+    "encode_png",
+    "paint",
+    "render",
+    "require_cairo",
+]

@@ -1,38 +1,42 @@
-"""The round brush on a Pycairo image surface: a stroke is one stroked path, or with pressure one filled outline."""
+"""Pixels of a plan, tile by tile: any size in bounded memory, on all processors.
+
+The enlarged canvas is cut into tiles on a fixed grid, each painted on a surface of its own by whichever
+thread is free, with the strokes whose boxes touch it. What a tile holds depends on the plan and the scale
+alone, so that any region is, to the byte, a crop of the whole (within one surface Cairo's clipping moves
+an edge by up to 1/256 pixel), and so is the picture of any number of threads.
+"""
 
 from __future__ import annotations
 
-import io
-import sys
-from itertools import islice
-from math import isfinite
-from typing import Any
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.errors import InputError, MissingExtraError
-from strokeplan.outlines import outline
+from strokeplan.errors import InputError
+from strokeplan.rendering.brushes import Brush, as_brush
+from strokeplan.rendering.ground import Background, Ground, as_ground
+from strokeplan.rendering.nibs import Round
+from strokeplan.rendering.surface import Surface, require_cairo
+from strokeplan.rendering.tile import Tile
+from strokeplan.rendering.view import Region, View, check_sides, chosen_strokes, view
 from strokeplan.strokes import StrokePlan
 
-MAX_SIDE = 32_767
-"""Cairo's image surfaces end here."""
-TOLERANCE_PX = 0.05
-"""By this much, in pixels of the picture, a painted outline may differ from its stroke; Cairo flattens to 0.1."""
-_CHANNELS = [2, 1, 0] if sys.byteorder == "little" else [1, 2, 3]
-"""Where R, G, B lie among the four bytes of a Cairo pixel."""
-
-
-def require_cairo() -> Any:
-    """The cairo module, or a MissingExtraError that says how to get it."""
-    try:
-        import cairo
-    except ImportError:
-        raise MissingExtraError(
-            "pictures need Pycairo: pip install 'strokeplan[raster]' "
-            "(on Debian first: apt-get install libcairo2-dev pkg-config gcc python3-dev)"
-        ) from None
-    return cairo
+TILE_COLUMNS, TILE_ROWS = 2048, 256
+"""Flat, because a band of tiles is what a file takes next, and as many bands as processors are in the making."""
+LEAST_DETAIL_PX = 1.2
+"""Lines of a brush that are thinner are painted larger and reduced: where translucent pixels of several strokes
+lie over each other, coverage alone no longer tells what is seen."""
+MAX_FINER = 4
+MEMORY_PART = 0.8
+"""Part of the machine's memory that a picture held as a whole may take."""
+Progress = Callable[[int, int], None]
+"""Called with the rows painted so far and the rows of the picture."""
 
 
 def render(
@@ -41,13 +45,27 @@ def render(
     width: int | None = None,
     height: int | None = None,
     scale: float | None = None,
+    brush: str | Brush = "round",
+    region: Region | None = None,
+    background: Background | None = None,
+    layers: Sequence[str | int] | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.uint8]:
-    """Paint the plan as a (h, w, 3) uint8 picture.
+    """Paint the plan as a (h, w, 3) uint8 sRGB picture, or (h, w, 4) with a transparent background.
 
     Give one of `width` or `height` (pixels; the other follows) or `scale` (1 = the canvas's own size,
-    the default). Raises InputError for a size that is no size, MissingExtraError without Pycairo.
+    the default). `region` is x, y, width, height in units of the canvas: only that is shown, and sizes are
+    its own. `brush` is a brush or its text, "bristle:hairs=40"; `background` a colour ("#faf0e6", "teal",
+    (250, 240, 230)), "transparent", a picture file or array laid over the canvas, or None for the plan's own;
+    `layers` names or numbers from 1, "2-4" for a range. The pixels do not depend on `threads`.
+
+    Raises InputError for a size that is no size or beyond memory, MissingExtraError without Pycairo.
     """
-    return paint(plan, *picture_size(plan, width=width, height=height, scale=scale))
+    shown = view(plan, width=width, height=height, scale=scale, region=region)
+    work = job(plan, shown, brush=brush, background=background, layers=layers)
+    check_memory(shown, work.channels)
+    return work.picture(threads, progress)
 
 
 def paint(plan: StrokePlan, columns: int, rows: int, *, antialias: bool = True) -> NDArray[np.uint8]:
@@ -55,113 +73,143 @@ def paint(plan: StrokePlan, columns: int, rows: int, *, antialias: bool = True) 
 
     Without `antialias` a stroke covers the pixels whose centres it covers, and those wholly.
     """
-    surface = Surface(columns, rows, plan.background)
-    if not antialias:
-        surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
-    scales = columns / plan.width, rows / plan.height
-    surface.context.scale(*scales)
-    _paint(surface.context, plan, TOLERANCE_PX / max(scales))
-    return surface.picture()
-
-
-class Surface:
-    """A Pycairo image surface of `width` × `height` pixels, filled with one sRGB colour."""
-
-    def __init__(self, width: int, height: int, background: tuple[int, int, int] = (255, 255, 255)) -> None:
-        cairo = require_cairo()
-        check_sides(width, height)
-        self._surface = cairo.ImageSurface(cairo.FORMAT_RGB24, width, height)
-        self.context = cairo.Context(self._surface)
-        self.context.set_source_rgb(*(value / 255 for value in background))
-        self.context.paint()
-
-    @classmethod
-    def over(cls, picture: NDArray[np.uint8], scale: float) -> Surface:
-        """A surface that shows a (h, w, 3) picture enlarged by `scale`, in the picture's coordinates."""
-        cairo = require_cairo()
-        rows, columns = picture.shape[:2]
-        surface = cls(round(columns * scale), round(rows * scale))
-        pixels = np.zeros((rows, columns, 4), np.uint8)
-        pixels[..., _CHANNELS] = picture
-        shown = cairo.ImageSurface.create_for_data(pixels, cairo.FORMAT_RGB24, columns, rows)
-        surface.context.scale(scale, scale)
-        surface.context.set_source_surface(shown)
-        surface.context.get_source().set_extend(cairo.EXTEND_PAD)  # or the photo's border fades into the white
-        surface.context.paint()
-        shown.finish()
-        return surface
-
-    def picture(self) -> NDArray[np.uint8]:
-        """The pixels so far, (h, w, 3) uint8."""
-        self._surface.flush()
-        rows, columns = self._surface.get_height(), self._surface.get_width()
-        strides = (self._surface.get_stride(), 4, 1)
-        pixels = np.ndarray((rows, columns, 4), np.uint8, self._surface.get_data(), strides=strides)
-        return np.ascontiguousarray(pixels[..., _CHANNELS])
-
-
-def picture_size(
-    plan: StrokePlan, *, width: int | None = None, height: int | None = None, scale: float | None = None
-) -> tuple[int, int]:
-    """Width and height in pixels of a picture of the plan; the smaller side has at least one pixel."""
-    given = {
-        name: value for name, value in (("width", width), ("height", height), ("scale", scale)) if value is not None
-    }
-    if len(given) > 1:
-        raise InputError(f"give one of width, height and scale, not {' and '.join(given)}")
-    for name, value in given.items():
-        if not (isfinite(value) and value > 0):
-            raise InputError(f"{name} {value:g} is no size; give more than 0")
-    factor = scale or 1.0
-    if width is not None:
-        factor = width / plan.width
-    if height is not None:
-        factor = height / plan.height
-    columns, rows = plan.width * factor, plan.height * factor
     check_sides(columns, rows)
-    return max(round(columns), 1), max(round(rows), 1)
+    shown = View(columns, rows, 0, 0, columns, rows)
+    return Job(plan, shown, Round(), np.arange(len(plan)), as_ground(None, plan, shown), antialias).picture()
 
 
-def check_sides(columns: float, rows: float) -> None:
-    """Raise InputError for a picture that Cairo cannot hold."""
-    if max(columns, rows) >= MAX_SIDE + 0.5:
-        raise InputError(f"a picture of {columns:.0f} × {rows:.0f} pixels is too large; a side may have {MAX_SIDE}")
+def job(
+    plan: StrokePlan,
+    shown: View,
+    *,
+    brush: str | Brush = "round",
+    background: Background | None = None,
+    layers: Sequence[str | int] | None = None,
+) -> Job:
+    """What `render` paints, checked and ready to be painted in bands."""
+    require_cairo()
+    return Job(plan, shown, as_brush(brush), chosen_strokes(plan, layers), as_ground(background, plan, shown))
 
 
-def encode_png(picture: NDArray[np.uint8]) -> bytes:
-    """A (h, w, 3) uint8 picture as a PNG file."""
-    from PIL import Image
+def check_memory(shown: View, channels: int) -> None:
+    """Raise InputError for a picture that cannot be held in memory as a whole."""
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows does not say; there MemoryError has to
+        return
+    wanted = shown.width * shown.height * channels
+    if wanted > MEMORY_PART * memory:
+        raise InputError(
+            f"a picture of {shown.width} × {shown.height} pixels takes {wanted / 1e9:.1f} GB of memory and there are "
+            f"{memory / 1e9:.1f}; write it as .tif with `strokeplan render`, which keeps no more than a few rows"
+        )
 
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, "PNG", compress_level=6)
-    return stream.getvalue()
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A picture to be painted: what of the plan, with which brush, on what ground."""
+
+    plan: StrokePlan
+    view: View
+    brush: Brush
+    strokes: NDArray[np.int64]
+    ground: Ground
+    antialias: bool = True
+
+    @property
+    def channels(self) -> int:
+        return 4 if self.ground.transparent else 3
+
+    @cached_property
+    def _boxes(self) -> NDArray[np.float64]:
+        """(4, m): left, top, right, bottom of the paint of every stroke, in pixels of the whole canvas."""
+        plan = self.plan
+        scales = np.array(self.view.scales(plan))
+        if len(plan) == 0:
+            return np.empty((4, 0))
+        low = np.minimum.reduceat(plan.points, plan.starts[:-1])[self.strokes]
+        high = np.maximum.reduceat(plan.points, plan.starts[:-1])[self.strokes]
+        reach = (0.5 * self.brush.reach * plan.widths[self.strokes])[:, None]
+        return np.concatenate([((low - reach) * scales - 1).T, ((high + reach) * scales + 1).T])
+
+    @cached_property
+    def _finer(self) -> int:
+        """How much larger tiles are painted, then reduced, so that the brush's detail has a pixel of its own."""
+        if len(self.strokes) == 0 or not self.antialias:
+            return 1
+        detail = (
+            self.brush.detail
+            * 0.5
+            * float(np.median(self.plan.widths[self.strokes]))
+            * min(self.view.scales(self.plan))
+        )
+        return min(max(int(np.ceil(LEAST_DETAIL_PX / detail)), 1), MAX_FINER)
+
+    def picture(self, threads: int | None = None, progress: Progress | None = None) -> NDArray[np.uint8]:
+        """The whole picture in memory."""
+        picture = np.empty((self.view.height, self.view.width, self.channels), np.uint8)
+        done = 0
+        for band in self.bands(threads):
+            picture[done : done + len(band)] = band
+            done += len(band)
+            if progress is not None:
+                progress(done, self.view.height)
+        return picture
+
+    def bands(self, threads: int | None = None) -> Iterator[NDArray[np.uint8]]:
+        """The picture from the top in bands (rows, w, channels); no more exist at a time than threads, and one."""
+        count = threads or processors()
+        if count < 1:
+            raise InputError(f"{threads} threads can paint nothing; give at least 1")
+        _ = self._boxes, self._finer  # once, before threads ask for them together
+        pending: deque[Future[NDArray[np.uint8]]] = deque()
+        with ThreadPoolExecutor(count) as pool:
+            try:
+                for top, bottom in self._spans():
+                    pending.append(pool.submit(self._band, top, bottom))
+                    if len(pending) > count:
+                        yield pending.popleft().result()
+                while pending:
+                    yield pending.popleft().result()
+            finally:
+                for future in pending:
+                    future.cancel()
+
+    def _spans(self) -> Iterator[tuple[int, int]]:
+        """First row and the row after the last, of every band."""
+        top, bottom = self.view.top, self.view.top + self.view.height
+        while top < bottom:
+            end = min((top // TILE_ROWS + 1) * TILE_ROWS, bottom)
+            yield top, end
+            top = end
+
+    def _band(self, top: int, bottom: int) -> NDArray[np.uint8]:
+        left, right = self.view.left, self.view.left + self.view.width
+        out = np.empty((bottom - top, right - left, self.channels), np.uint8)
+        row = top // TILE_ROWS * TILE_ROWS
+        for column in range(left // TILE_COLUMNS * TILE_COLUMNS, right, TILE_COLUMNS):
+            first, last = max(column, left), min(column + TILE_COLUMNS, right)
+            tile = self._tile(column, row)
+            out[:, first - left : last - left] = tile[top - row : bottom - row, first - column : last - column]
+        return out
+
+    def _tile(self, left: int, top: int) -> NDArray[np.uint8]:
+        """The tile whose corner is there, as far as the canvas goes."""
+        right, bottom = min(left + TILE_COLUMNS, self.view.columns), min(top + TILE_ROWS, self.view.rows)
+        finer = self._finer
+        surface = Surface(finer * (right - left), finer * (bottom - top), self.ground.color)
+        self.ground.lay(surface, finer * left, finer * top, self.view, finer)
+        if not self.antialias:
+            surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
+        boxes = self._boxes
+        touching = (boxes[2] > left) & (boxes[3] > top) & (boxes[0] < right) & (boxes[1] < bottom)
+        if np.any(touching):
+            scale_x, scale_y = self.view.scales(self.plan)
+            tile = Tile(surface, finer * left, finer * top, finer * scale_x, finer * scale_y)
+            self.brush.paint(tile, self.plan, self.strokes[touching])
+        return surface.picture(finer)
 
 
-def _paint(context: Any, plan: StrokePlan, tolerance: float) -> None:
-    cairo = require_cairo()
-    context.set_line_join(cairo.LINE_JOIN_ROUND)
-    points = plan.points.tolist()
-    starts = plan.starts.tolist()
-    widths = plan.widths.tolist()
-    colors = (plan.colors / 255).tolist()
-    move_to, curve_to = context.move_to, context.curve_to
-    pressed = set(np.flatnonzero(plan.has_pressure).tolist())
-    for layer in plan.layers:
-        context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
-        spans = zip(
-            range(layer.first, layer.last),
-            islice(starts, layer.first, None), starts[layer.first + 1 : layer.last + 1],
-            widths[layer.first : layer.last], colors[layer.first : layer.last], strict=False,
-        )  # fmt: skip
-        for i, first, last, width, color in spans:
-            context.set_source_rgb(*color)
-            if i in pressed:
-                for x, y in outline(plan.stroke(i), plan.radii(i), tolerance, round_caps=layer.cap == "round").tolist():
-                    context.line_to(x, y)
-                context.fill()
-                continue
-            context.set_line_width(width)
-            move_to(*points[first])
-            for k in range(first + 1, last, 3):
-                curve_to(*points[k], *points[k + 1], *points[k + 2])
-            context.stroke()
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -19,7 +19,7 @@ import numpy as np
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
 from strokeplan.page import MM_PER_INCH, PX_PER_INCH
-from strokeplan.rendering.raster import require_cairo
+from strokeplan.rendering.surface import require_cairo
 from strokeplan.strokes import StrokePlan
 
 POINTS_PER_INCH = 72.0
