@@ -1,8 +1,8 @@
-"""Formal evaluation of the styles and of their parts: python benchmarks/evaluation.py [FOLDER…]
+"""Formal evaluation of the styles and of their parts: python benchmarks/evaluation.py [FOLDER…] [--every N]
 
-Plans every photo of each folder (of samples/ if none is given) in every shipped style, with the gradient in the
-tensor's place, and some of them in every variant of ABLATION; writes docs/evaluation.md with charts and
-sheets. Can be stopped at any time: the same command goes on where it was (benchmarks/results.py).
+Plans every photo (or every Nth) of each folder (of samples/ if none is given) in every shipped style, with the
+gradient in the tensor's place, and some of them in every variant of ABLATION; writes docs/evaluation.md with charts
+and sheets. Can be stopped at any time: the same command goes on where it was (benchmarks/results.py).
 Needs the extra `evaluation`.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -109,7 +110,7 @@ DIRECTIONS: dict[str, dict[str, Any]] = {
     "gradient": {"orientation": "gradient"},
 }
 """Where direction comes from; the gradient's coherence is 1 wherever there is a gradient, so that it stops no tract."""
-ABLATION_PHOTOS = 10
+ABLATION_PHOTOS = 5
 """Variants are dozens, and compared photo by photo: about so many photos, evenly taken from the sets, will do."""
 PUBLISHED = {
     "NPRgeneral": {"psnr_db": "17.4 dB", "ssim": "0.498", "rgb_8bit": "33.6"},
@@ -181,8 +182,11 @@ def variants(base: str) -> dict[str, dict[str, Any]]:
 
 
 def main() -> None:
-    folders = [Path(argument) for argument in sys.argv[1:]] or [SAMPLES]
-    sets = {folder.resolve().name: photo_files([folder]) for folder in folders}
+    parser = ArgumentParser(description="Formal evaluation of the styles and of their parts: docs/evaluation.md")
+    parser.add_argument("folders", nargs="*", type=Path, default=[SAMPLES], help="sets of photos")
+    parser.add_argument("--every", type=int, default=1, help="take every Nth photo of a set only")
+    asked = parser.parse_args()
+    sets = {folder.resolve().name: photo_files([folder])[:: asked.every] for folder in asked.folders}
     everywhere = [path for paths in sets.values() for path in paths]
     few = everywhere[:: max(len(everywhere) // ABLATION_PHOTOS, 1)]
     styles = {name: variant(name, {}) for name in names()}
@@ -201,7 +205,7 @@ def main() -> None:
     by_direction = {name: dict(zip(everywhere, of(everywhere), strict=True)) for name in directions}
     by_study = {base: {name: of(few) for name in study} for base, study in studies.items()}
 
-    parts = [INTRODUCTION]
+    parts = [INTRODUCTION.format(every=f" --every {asked.every}" if asked.every > 1 else "")]
     for name, paths in sets.items():
         parts.append(style_section(name, paths, by_style))
     parts.append(gradient_section(sets, by_direction))
@@ -219,8 +223,8 @@ def main() -> None:
 
 INTRODUCTION = """# Evaluation
 
-Made by `python benchmarks/evaluation.py FOLDER…`: every photo planned with seed 0, painted at its own size by Pycairo
-and compared with the photo, by the figures of `strokeplan evaluate`:
+Made by `python benchmarks/evaluation.py FOLDER…{every}`: the photos named below planned with seed 0, painted
+at their own size by Pycairo and compared with the photo, by the figures of `strokeplan evaluate`:
 
 - **PSNR** and **SSIM** (over the channels; Wang et al. 2004), as scikit-image has them: higher is nearer.
 - **RGB distance**, the mean Euclidean distance in 8-bit RGB, and **CIEDE2000**, the mean difference as people see it
