@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -149,3 +151,10 @@ def test_a_budget_decides_what_is_decoded(tmp_path: Path, upright: Image.Image) 
     assert ended.exit_code == 0, ended.output
     assert out.read_bytes() == strokes_json.encode(plan)
     assert strokes_json.encode(strokeplan.plan(load_photo(path), strokes=5)) != out.read_bytes()
+
+
+def test_what_a_photo_is_decoded_for_is_known_without_numba() -> None:
+    """The command line decodes while Numba, which takes longer, is imported."""
+    code = "import sys, strokeplan.budget, strokeplan.resolution; print({'numba', 'scipy'} & set(sys.modules))"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr) == ("set()\n", "")
