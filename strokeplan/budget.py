@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import log, sqrt
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from strokeplan.errors import InputError
-from strokeplan.presets import LAYER_LENGTHS, MAX_LAYERS, Preset
-from strokeplan.pursuit import Pursuit
+from strokeplan.presets import LAYER_LENGTHS, MAX_LAYERS, Preset, Recipe
+
+if TYPE_CHECKING:
+    from strokeplan.pursuit import Pursuit
 
 MAX_STROKES = 10_000_000
 DETAIL_RANGE = 16.0
@@ -39,6 +42,16 @@ EXPONENT = -0.9
 """The strokes of the default preset fall with this power of the gain."""
 LONGEST_STEP = 60.0
 """Largest factor of the gain from one pursuit to the next."""
+
+
+def within(recipe: Recipe, strokes: int | None, detail: float | None) -> tuple[Preset, int | None]:
+    """The preset of a recipe for a budget, by default the recipe's own, and its strokes. Raises InputError."""
+    if strokes is None and detail is None:
+        strokes = recipe.strokes
+    style = for_detail(for_strokes(recipe.preset, strokes), detail)
+    if strokes is not None and detail is not None:
+        raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
+    return style, strokes
 
 
 def for_detail(preset: Preset, detail: float | None) -> Preset:

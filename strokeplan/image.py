@@ -10,7 +10,7 @@ import hashlib
 import io
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANAR_CONFIGURATION, TiffImageFile
 
 from strokeplan.errors import ImageError, StrokeplanWarning
@@ -27,6 +28,10 @@ MAX_MEGAPIXELS = 175.0
 """Planning takes some 50 bytes a pixel: 9 GB at this size. Pillow opens no file beyond 179."""
 MAX_SIDE = 1_000_000
 """Largest side of a plan's canvas."""
+ORIENTATION, SIDEWAYS = 274, (5, 6, 7, 8)
+"""EXIF's tag for how a picture is turned, and its values where rows are columns."""
+DRAFT_MARGIN = 2
+"""A JPEG is decoded at no less than so many times the size that is needed, and resampled from there."""
 MIN_SIDE = 2
 """Smallest side, in pixels, on which an orientation can be measured."""
 LUMA = (0.2125, 0.7154, 0.0721)
@@ -46,32 +51,55 @@ class Photo:
     rgb: NDArray[np.uint8]
     name: str = ""
     sha256: str = ""
+    size: tuple[int, int] | None = None
+    """Width and height of the picture in the file, where it was decoded at another size."""
 
     @property
     def height(self) -> int:
-        return int(self.rgb.shape[0])
+        """Of the picture in the file: what a plan's canvas has."""
+        return self.size[1] if self.size else int(self.rgb.shape[0])
 
     @property
     def width(self) -> int:
-        return int(self.rgb.shape[1])
+        """Of the picture in the file: what a plan's canvas has."""
+        return self.size[0] if self.size else int(self.rgb.shape[1])
+
+    @property
+    def decoded(self) -> tuple[int, int]:
+        """Width and height of `rgb`."""
+        return int(self.rgb.shape[1]), int(self.rgb.shape[0])
 
 
-def load_photo(path: str | os.PathLike[str], *, max_megapixels: float = MAX_MEGAPIXELS) -> Photo:
+Needed = Callable[[int, int], tuple[int, int]]
+"""What width and height are needed of a picture of so many pixels."""
+
+
+def load_photo(
+    path: str | os.PathLike[str], *, max_megapixels: float = MAX_MEGAPIXELS, needed: Needed | None = None
+) -> Photo:
     """Decode the picture file at `path`.
 
     Colours are brought to sRGB by the embedded profile; transparency is laid over white paper; 16-bit
-    colour is cut to 8 bits with a StrokeplanWarning. Raises ImageError.
+    colour is cut to 8 bits with a StrokeplanWarning. A JPEG of which `needed` says that a much smaller
+    picture will do is decoded at that size; its `width` and `height` are still the file's. Raises ImageError.
     """
     path = Path(path)
-    image, data = decode_file(path, max_megapixels)
+    image, data, size = _decoded_file(path, max_megapixels, needed)
     rgb = np.asarray(_over_paper(image))
     # A name in another encoding than the system's cannot be written to a strokes file.
     name = os.fsencode(path.name).decode(errors="replace")
-    return Photo(rgb, name, hashlib.sha256(data).hexdigest())
+    return Photo(rgb, name, hashlib.sha256(data).hexdigest(), None if size == image.size else size)
 
 
 def decode_file(path: Path, max_megapixels: float = MAX_MEGAPIXELS) -> tuple[Image.Image, bytes]:
     """The picture in a file, upright, as RGB or RGBA in sRGB, and the bytes of the file. Raises ImageError."""
+    return _decoded_file(path, max_megapixels, None)[:2]
+
+
+def _decoded_file(
+    path: Path, max_megapixels: float, needed: Needed | None
+) -> tuple[Image.Image, bytes, tuple[int, int]]:
+    """`decode_file`, and the upright size of the picture in the file, of which `needed` may ask less."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -83,9 +111,10 @@ def decode_file(path: Path, max_megapixels: float = MAX_MEGAPIXELS) -> tuple[Ima
     if not data:
         raise ImageError(f"{path}: the file is empty")
     try:
-        return _decode(data, max_megapixels), data
+        image, size = _decode(data, max_megapixels, needed)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
+    return image, data, size
 
 
 def photo_files(paths: Sequence[Path]) -> list[Path]:
@@ -158,7 +187,7 @@ def hue(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     return out
 
 
-def _decode(data: bytes, max_megapixels: float) -> Image.Image:
+def _decode(data: bytes, max_megapixels: float, needed: Needed | None) -> tuple[Image.Image, tuple[int, int]]:
     with warnings.catch_warnings():
         # Pillow's own bomb check warns at half of its limit; its other warnings are about metadata.
         warnings.simplefilter("ignore")
@@ -175,13 +204,30 @@ def _decode(data: bytes, max_megapixels: float) -> Image.Image:
         _check_tiff(opened)
         deep = any(_is_deep(opened.format, tile[3]) for tile in opened.tile)
         try:
-            image = ImageOps.exif_transpose(opened)
+            turned = opened.getexif().get(ORIENTATION) in SIDEWAYS
+            image: Image.Image = opened
+            size = opened.size[::-1] if turned else opened.size
+            if needed is not None:
+                wanted = needed(*size)
+                image = _draft(opened, wanted[::-1] if turned else wanted)
+            image = ImageOps.exif_transpose(image)
             image.load()
         except Exception as error:
             raise ImageError(f"is damaged or cut short ({_first_line(error)})") from None
     if deep and image.mode in ("RGB", "RGBA"):
         warnings.warn("16-bit colour is cut to 8 bits a channel", StrokeplanWarning, stacklevel=2)
-    return _to_srgb(image)
+    return _to_srgb(image), size
+
+
+def _draft(opened: Image.Image, wanted: tuple[int, int]) -> Image.Image:
+    """A JPEG much larger than wanted, decoded at 1/2, 1/4 or 1/8 of its size and reduced from there to what is wanted;
+    any other picture as it is."""
+    enough = DRAFT_MARGIN * wanted[0], DRAFT_MARGIN * wanted[1]
+    if not isinstance(opened, JpegImageFile) or min(opened.width // enough[0], opened.height // enough[1]) < 2:
+        return opened
+    drafted = opened.draft(None, enough)
+    # The last blocks may reach beyond the picture, by parts of a pixel.
+    return opened.resize(wanted, Image.Resampling.LANCZOS, drafted[1], reducing_gap=3.0) if drafted else opened
 
 
 def _check_size(width: int, height: int, max_megapixels: float) -> None:

@@ -6,7 +6,8 @@ eager signatures: both make the first run slower. No `fastmath`: it would let th
 and the same input must give the same bytes everywhere.
 
 What a kernel that is already compiled does not need is left out (see `_Cache`): Numba's own way takes 0.4 s a
-process to come to the first call.
+process to come to the first call. It takes names that Numba keeps to itself; with a Numba that lacks one of them,
+kernels are compiled and cached in Numba's own way.
 """
 
 from __future__ import annotations
@@ -18,8 +19,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.caching import FunctionCache, NullCache
-from numba.core.runtime.nrt import rtsys
+
+try:
+    from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+    from numba.core.cpu import CPUTargetOptions
+    from numba.core.runtime.nrt import rtsys
+except ImportError:  # of a Numba that has them no more
+    FunctionCache = IndexDataCacheFile = NullCache = CPUTargetOptions = rtsys = None  # type: ignore[assignment, misc]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -39,9 +45,32 @@ def leaf(function: F) -> F:
 
 
 def _compiled(function: F, **options: Any) -> F:
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    rules: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    if not _known():
+        return _in_numbas_way(function, rules)
+    dispatcher: Any = numba.njit(**rules, **options)(function)
     dispatcher._cache = _Cache(function, counts=options.get("_nrt", True))
     return dispatcher  # type: ignore[no-any-return]
+
+
+@cache
+def _known() -> bool:
+    """Whether this Numba has all that `_Cache` takes from it."""
+    needed = (
+        (FunctionCache, "_load_overload", "load_overload", "save_overload", "_guard_against_spurious_io_errors"),
+        (IndexDataCacheFile, "_load_index"),
+        (NullCache, "load_overload"),
+        (CPUTargetOptions, "_nrt"),
+        (rtsys, "initialize"),
+    )
+    return all(hasattr(owner, name) for owner, *names in needed for name in names)
+
+
+def _in_numbas_way(function: F, rules: dict[str, Any]) -> F:
+    try:
+        return numba.njit(cache=True, **rules)(function)  # type: ignore[no-any-return]
+    except RuntimeError:  # no place for a cache
+        return numba.njit(**rules)(function)  # type: ignore[no-any-return]
 
 
 class _Cache:
@@ -94,5 +123,7 @@ def _sources() -> str:
 
 def is_cached(function: Callable[..., Any]) -> bool:
     """Whether a kernel has been compiled on this machine, so that its first call will be quick."""
+    if not _known():
+        return True  # Numba's own way does not tell
     opened: Any = function._cache.opened  # type: ignore[attr-defined]
     return not isinstance(opened, NullCache) and bool(opened._cache_file._load_index())

@@ -5,8 +5,8 @@ in the paper's way wherever a cell differs (painting.py), or for what they impro
 preset asks for what the paper has not (pursuit.py). Fields of later layers are computed in threads while
 a layer is painted; the plan is the same for any number of threads.
 
-A preset whose lengths are relative is planned at the resolution that its finest brush needs, whatever the
-photo's, so that the same photo at any size becomes the same strokes.
+A preset whose lengths are relative is planned at the resolution that its finest brush needs (resolution.py), whatever
+the photo's, so that the same photo at any size becomes the same strokes.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from strokeplan import budget, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError, StrokeplanWarning
 from strokeplan.field import Orientation, OrientationField, submit_field
-from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
+from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab
 from strokeplan.importance import check_mask, importance_map, load_mask, segments
 from strokeplan.merging import merge
 from strokeplan.painting import (
@@ -50,18 +49,13 @@ from strokeplan.palette import choose_colors, color_table, plan_palette
 from strokeplan.presets import LayerPreset, Preset, Recipe, load_preset, load_recipe
 from strokeplan.pressure import add_pressure
 from strokeplan.pursuit import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Pursuit, Rules
+from strokeplan.resolution import load_for, working_copy
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.tractography import splitmix64, track
 from strokeplan.version import __version__
 
-FINEST_PX = 2.0
-"""A preset of relative lengths is planned at the resolution at which its finest brush is this wide …"""
 NARROWEST_PX = 1.0
 """Least relative width at the working resolution."""
-SPARED = 1.25
-"""… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
-LARGEST_ENLARGEMENT = 4.0
-"""A photo smaller than this part of that resolution has nothing that a brush so fine could show."""
 UNSEEN = 290.0
 """Squared RGB distance a pixel that is added to the picture's error when a stroke's gain is compared with it: some
 10 levels a channel. Without it, a photo without contrast would get as many strokes as any other."""
@@ -131,9 +125,7 @@ def plan(
     Raises ImageError, PresetError, InputError.
     """
     recipe = load_recipe(preset)
-    style, seed = recipe.preset, recipe.seed if seed is None else seed
-    if strokes is None and detail is None:
-        strokes = recipe.strokes
+    seed = recipe.seed if seed is None else seed
     if seed < 0:
         raise InputError(f"seed {seed} is negative; give 0 or more")
     if threads is not None and threads < 1:
@@ -144,12 +136,10 @@ def plan(
             StrokeplanWarning,
             stacklevel=2,
         )
+    style, strokes = budget.within(recipe, strokes, detail)
     if orientation is not None:
         style = style.override({"orientation": orientation})
-    style = budget.for_detail(budget.for_strokes(style, strokes), detail)
-    if strokes is not None and detail is not None:
-        raise InputError(f"strokes {strokes} and detail {detail:g} are two budgets; give one of them")
-    photo = _photo(image)
+    photo = _photo(image, style)
     work = working_copy(photo, style)
     spare = max(work.width / photo.width, 1.0)
     job = _Job(work, _working_preset(style, work, spare), spare, seed, _mask(mask, photo), progress)
@@ -179,17 +169,6 @@ def plan(
 
 _COLOR = 2
 """What tells the chance in the colours of a layer from that in its cells."""
-
-
-def working_copy(photo: Photo, style: Preset) -> Photo:
-    """The photo at the resolution at which a preset plans it."""
-    finest = min(layer.width for layer in style.for_photo(photo.width, photo.height).layers)
-    scale = min(FINEST_PX / finest, LARGEST_ENLARGEMENT)
-    size = (max(round(photo.width * scale), 2), max(round(photo.height * scale), 2))
-    if style.lengths == "pixels" or 1 / SPARED <= scale <= SPARED:
-        return photo
-    shown = Image.fromarray(photo.rgb).resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
-    return replace(photo, rgb=np.asarray(shown))
 
 
 def _working_preset(style: Preset, work: Photo, spare: float) -> Preset:
@@ -246,10 +225,10 @@ class _Job:
         return tell
 
 
-def _photo(image: str | os.PathLike[str] | ArrayLike | Photo) -> Photo:
+def _photo(image: str | os.PathLike[str] | ArrayLike | Photo, style: Preset) -> Photo:
     if isinstance(image, Photo):
         return image
-    return load_photo(image) if isinstance(image, str | os.PathLike) else as_photo(image)
+    return load_for(image, style) if isinstance(image, str | os.PathLike) else as_photo(image)
 
 
 def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDArray[np.float32] | None:

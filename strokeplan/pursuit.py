@@ -946,16 +946,17 @@ def _best_stretch(
         sums[k + 1, 4] = sums[k, 4] + area * blue
         sums[k + 1, 5] = sums[k, 5] + area * squares
     stride = max((n - 1) // SECTIONS, 1)
+    rounding = 1e-9 * sums[n, 5]
     best, best_a, best_b = -np.inf, 0, n - 1
     for a in range(0, n - 1, stride):
         b = a
         while b < n - 1:
             b = min(b + stride, n - 1)
-            weights = sums[b + 1, 1] - sums[a, 1]
-            if weights > 0.0:
+            weights, old = sums[b + 1, 1] - sums[a, 1], sums[b + 1, 0] - sums[a, 0]
+            if weights > 0.0 and old > best - rounding:  # it gains no more than all there is
                 red, green, blue = sums[b + 1, 2] - sums[a, 2], sums[b + 1, 3] - sums[a, 3], sums[b + 1, 4] - sums[a, 4]
                 left = sums[b + 1, 5] - sums[a, 5] - (red * red + green * green + blue * blue) / weights
-                gain = sums[b + 1, 0] - sums[a, 0] - left
+                gain = old - left
                 if gain > best:
                     best, best_a, best_b = gain, a, b
     return first + best_a, first + best_b + 1, best

@@ -37,6 +37,8 @@ MAX_STEP_PX = 2.0
 """Default longest step: narrower bands of incoherence than this may be crossed."""
 MIN_STEP_PX = 0.05
 """A rejected step is never shortened below this: at a singular point no step is short enough."""
+STEADY = 0.7
+"""A step whose error is within this part of the tolerance would grow: 0.9 · 0.7^(−1/3) is above 1."""
 BEND_PX = 10.0
 """Default distance over which a wandering tract changes its deviation."""
 MAX_DEVIATION = np.pi / 2
@@ -168,9 +170,8 @@ def _follow(
         ex = step * (-5.0 * k1x + 6.0 * k2x + 8.0 * k3x - 9.0 * k4x) / 72.0
         ey = step * (-5.0 * k1y + 6.0 * k2y + 8.0 * k3y - 9.0 * k4y) / 72.0
         error = np.sqrt(ex * ex + ey * ey)
-        growth = 5.0 if error == 0.0 else min(max(0.9 * (tolerance / error) ** (1.0 / 3.0), 0.2), 5.0)
         if error > tolerance and step > MIN_STEP_PX:
-            step = max(step * growth, MIN_STEP_PX)
+            step = max(step * _growth(tolerance, error), MIN_STEP_PX)
             continue
         inside = 0.0 <= nx <= width and 0.0 <= ny <= height
         if not inside or coherence < min_coherence:
@@ -188,8 +189,16 @@ def _follow(
             return at
         x, y, ux, uy, k1x, k1y = nx, ny, u4x, u4y, k4x, k4y
         travelled += step
-        step = min(step * growth, max_step)
+        # No root is needed to know that the longest step stays so if it could grow.
+        if travelled < reach and (step < max_step or error > STEADY * tolerance):
+            step = min(step * _growth(tolerance, error), max_step)
     return at
+
+
+@leaf
+def _growth(tolerance: float, error: float) -> float:
+    """How many times as long as a step of this error the next one is."""
+    return 5.0 if error == 0.0 else min(max(0.9 * (tolerance / error) ** (1.0 / 3.0), 0.2), 5.0)
 
 
 @leaf
@@ -237,25 +246,40 @@ def sample(
     rows, cols = samples.shape[0], samples.shape[1]
     fx = min(max(x / scale - 0.5, 0.0), cols - 1.0)
     fy = min(max(y / scale - 0.5, 0.0), rows - 1.0)
-    j0, i0 = int(fx), int(fy)
-    j1, i1 = min(j0 + 1, cols - 1), min(i0 + 1, rows - 1)
+    j0, i0 = max(int(fx), 0), max(int(fy), 0)
+    j1, i1 = j0 + (1 if j0 + 1 < cols else 0), i0 + (1 if i0 + 1 < rows else 0)
     tx, ty = fx - j0, fy - i0
-    ux, uy, coherence = 0.0, 0.0, 0.0
-    for i, wy in ((i0, 1.0 - ty), (i1, ty)):
-        for j, wx in ((j0, 1.0 - tx), (j1, tx)):
-            vx, vy = float(samples[i, j, 0]), float(samples[i, j, 1])
-            weight = wx * wy
-            coherence += weight * samples[i, j, 2]
-            if aligned and vx * hx + vy * hy < 0.0:
-                weight = -weight
-            ux += weight * vx
-            uy += weight * vy
+    ux, uy, coherence = _added(samples, i0, j0, (1.0 - tx) * (1.0 - ty), aligned, hx, hy, 0.0, 0.0, 0.0)
+    ux, uy, coherence = _added(samples, i0, j1, tx * (1.0 - ty), aligned, hx, hy, ux, uy, coherence)
+    ux, uy, coherence = _added(samples, i1, j0, (1.0 - tx) * ty, aligned, hx, hy, ux, uy, coherence)
+    ux, uy, coherence = _added(samples, i1, j1, tx * ty, aligned, hx, hy, ux, uy, coherence)
     norm = np.sqrt(ux * ux + uy * uy)
     if norm < 1e-9:
         return 0.0, 0.0, coherence
     if ux * hx + uy * hy < 0.0:
         norm = -norm
     return ux / norm, uy / norm, coherence
+
+
+@leaf
+def _added(
+    samples: NDArray[np.float32],
+    i: int,
+    j: int,
+    weight: float,
+    aligned: bool,
+    hx: float,
+    hy: float,
+    ux: float,
+    uy: float,
+    coherence: float,
+) -> tuple[float, float, float]:
+    """A bilinear sum with what sample (i, j) adds to it."""
+    vx, vy = float(samples[i, j, 0]), float(samples[i, j, 1])
+    coherence += weight * samples[i, j, 2]
+    if aligned and vx * hx + vy * hy < 0.0:
+        weight = -weight
+    return ux + weight * vx, uy + weight * vy, coherence
 
 
 @leaf

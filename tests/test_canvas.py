@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from strokeplan.canvas import mean_distance, pack, paint_chain, unpack
+from strokeplan.canvas import _unseen, mean_distance, pack, paint_chain, unpack
 from strokeplan.curves import fit_tract, flatten
 
 INK = np.uint32(0x123456)
@@ -97,3 +97,28 @@ def test_mean_distance_is_the_mean_of_norms(seed: int, stride: int, gain: float,
 def test_an_empty_window_has_no_distance() -> None:
     blank = np.zeros((4, 4), np.uint32)
     assert np.isnan(mean_distance(blank, blank, 0, 0, 0, 4, 1, 1.0))
+
+
+SPANS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 30), st.integers(1, 12)), max_size=20)
+
+
+@given(strokes=st.lists(SPANS, max_size=4))
+def test_what_a_stroke_has_not_had_is_its_span_without_the_spans_before(
+    strokes: list[list[tuple[int, int, int]]],
+) -> None:
+    """Against plain sets: what is left out has been had, and where a row's spans touch, nothing comes twice."""
+    rows = np.full((4, 3), -1, np.int32)
+    for mark, spans in enumerate(strokes):
+        had: list[set[int]] = [set() for _ in rows]
+        remembered: list[set[int]] = [set() for _ in rows]
+        for i, first, length in spans:
+            span = set(range(first, first + length))
+            left, right = _unseen(rows, mark, i, first, first + length)
+            given_out = [*range(first, left), *range(right, first + length)]
+            assert len(given_out) == len(set(given_out))
+            assert span - had[i] <= set(given_out) <= span
+            touching = set(range(first - 1, first + length + 1)) & remembered[i]
+            assert set(given_out) == (span - remembered[i] if touching else span)
+            remembered[i] = remembered[i] | span if touching else span
+            had[i] |= span
+            assert span <= had[i]

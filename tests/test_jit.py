@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -58,3 +64,79 @@ def test_kernels_work_where_no_cache_can_be_written(monkeypatch: pytest.MonkeyPa
 
     assert jit.kernel(double)(4.0) == 8.0
     assert not is_cached(jit.kernel(double))
+
+
+def private_names() -> list[tuple[str, str]]:
+    return [
+        ("FunctionCache", "_load_overload"),
+        ("FunctionCache", "_guard_against_spurious_io_errors"),
+        ("IndexDataCacheFile", "_load_index"),
+        ("CPUTargetOptions", "_nrt"),
+    ]
+
+
+@pytest.fixture
+def asked_anew() -> Iterator[None]:
+    """What this Numba has is found out again, before and after."""
+    jit._known.cache_clear()
+    yield
+    jit._known.cache_clear()
+
+
+def quadruple(x: float) -> float:
+    return 4 * x
+
+
+@pytest.mark.parametrize(("owner", "name"), private_names())
+def test_a_numba_without_its_private_names_compiles_in_its_own_way(
+    owner: str, name: str, asked_anew: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lacking = SimpleNamespace(**{n: None for o, n in private_names() if o == owner and n != name})
+    monkeypatch.setattr(jit, owner, lacking)
+    compiled: Any = jit.leaf(quadruple)
+    assert compiled(2.0) == 8.0
+    assert not isinstance(compiled._cache, jit._Cache)
+    assert compiled.stats.cache_path
+    assert is_cached(compiled)
+
+
+def test_a_numba_without_its_modules_compiles_in_its_own_way(asked_anew: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("FunctionCache", "IndexDataCacheFile", "NullCache", "CPUTargetOptions", "rtsys"):
+        monkeypatch.setattr(jit, name, None)
+    compiled: Any = jit.kernel(quadruple)
+    assert compiled(2.0) == 8.0
+
+
+def test_this_numba_has_them(asked_anew: None) -> None:
+    assert jit._known()
+    assert isinstance(jit.kernel(quadruple)._cache, jit._Cache)  # type: ignore[attr-defined]
+
+
+def test_kernels_work_where_no_folder_can_be_written(tmp_path: Path) -> None:
+    """In a process of its own: Numba reads where its cache is when it is imported. Root may write to any folder, so
+    the folders are files."""
+    nowhere = tmp_path / "__pycache__"
+    nowhere.write_text("")
+    (tmp_path / "module.py").write_text(
+        "from strokeplan.jit import is_cached, kernel\n"
+        "@kernel\n"
+        "def double(x):\n    return 2 * x\n"
+        "print(double(4.0), is_cached(double))\n"
+    )
+    environment = {**os.environ} | dict.fromkeys(("NUMBA_CACHE_DIR", "HOME", "XDG_CACHE_HOME"), str(nowhere))
+    ended = subprocess.run([sys.executable, tmp_path / "module.py"], capture_output=True, text=True, env=environment)
+    assert (ended.stdout, ended.stderr) == ("8.0 False\n", "")
+
+
+def test_a_cached_kernel_is_loaded_in_the_next_process(tmp_path: Path) -> None:
+    (tmp_path / "module.py").write_text(
+        "from strokeplan.jit import is_cached, kernel\n"
+        "@kernel\n"
+        "def double(x):\n    return 2 * x\n"
+        "known = is_cached(double)\n"
+        "print(double(4.0), known, sum(double.stats.cache_hits.values()))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, tmp_path / "module.py"]
+    printed = [subprocess.run(command, capture_output=True, text=True, env=environment).stdout for _ in range(2)]
+    assert printed == ["8.0 False 0\n", "8.0 True 1\n"]

@@ -46,9 +46,9 @@ def plan(
     began = perf_counter()
     import msgspec
 
-    from strokeplan import formats, presets
-    from strokeplan.image import load_photo
+    from strokeplan import budget, formats, presets
     from strokeplan.palette import parse_palette
+    from strokeplan.resolution import load_for
 
     for path in output:
         formats.check_target(path, image)
@@ -56,7 +56,9 @@ def plan(
     style = presets.style(recipe.preset, settings)
     if palette is not None:
         style = style.override(msgspec.to_builtins(parse_palette(palette)))
-    reading = begin(load_photo, image)  # while this thread imports Numba
+    recipe = recipe._replace(preset=style)
+    # While this thread imports Numba.
+    reading = begin(load_for, image, budget.within(recipe, strokes, detail)[0])
     from strokeplan import planner
 
     waiting = perf_counter()
@@ -69,7 +71,7 @@ def plan(
     with planning_bar(quiet) as progress:
         painted = planner.plan(
             photo,
-            recipe._replace(preset=style),
+            recipe,
             seed,
             orientation=orientation.value if orientation else None,
             strokes=strokes,
