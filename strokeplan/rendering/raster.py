@@ -32,6 +32,8 @@ TILE_COLUMNS, TILE_ROWS = 2048, 256
 LEAST_DETAIL_PX = 1.2
 """Lines of a brush that are thinner are painted larger and reduced: where translucent pixels of several strokes
 lie over each other, coverage alone no longer tells what is seen."""
+THIN_PART = 0.25
+"""Strokes that are thinner than the stroke whose lines decide, as a part of all."""
 MAX_FINER = 4
 MEMORY_PART = 0.8
 """Part of the machine's memory that a picture held as a whole may take."""
@@ -146,7 +148,7 @@ class Job:
         detail = (
             self.brush.detail
             * 0.5
-            * float(np.median(self.plan.widths[self.strokes]))
+            * float(np.quantile(self.plan.widths[self.strokes], THIN_PART))
             * min(self.view.scales(self.plan))
         )
         return min(max(int(np.ceil(LEAST_DETAIL_PX / detail)), 1), MAX_FINER)
