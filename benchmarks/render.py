@@ -37,8 +37,9 @@ def random_strokes(n: int, width: float, height: float, widths: tuple[float, flo
     headings = rng.uniform(0, 2 * np.pi, (n, 1)) + np.cumsum(rng.normal(0, 0.3, (n, 3)), axis=1)
     steps = step * np.stack([np.cos(headings), np.sin(headings)], axis=2)
     first = rng.uniform(0, (width, height), (n, 1, 2))
+    points = np.concatenate([first, first + np.cumsum(steps, axis=1)], axis=1).reshape(-1, 2)
     return StrokePlan(
-        width=width, height=height, points=np.concatenate([first, first + np.cumsum(steps, axis=1)], axis=1).reshape(-1, 2),
+        width=width, height=height, points=points,
         starts=4 * np.arange(n + 1), widths=np.geomspace(*widths, n),
         colors=rng.integers(0, 256, (n, 3), dtype=np.uint8), layers=(Layer("1", 0, n),),
     )  # fmt: skip
@@ -84,8 +85,8 @@ def strokes_table() -> list[str]:
     rows = [f"| {name} | {a:.2f} | {a / wall:.2f} | {b:.2f} | {b / cpu:.2f} |" for name, (a, b) in least.items()]
     print("\n".join(rows), file=sys.stderr)
     return [
-        f"{STROKES:,} round strokes, 30 to 2 pixels wide and 36 long, on {WIDTH} × {HEIGHT}; least of {REPEATS} runs, in "
-        f"turn. The pictures differ by {error.mean():.4f} of 255 on average (tiles: Cairo's clipping).",
+        f"{STROKES:,} round strokes, 30 to 2 pixels wide and 36 long, on {WIDTH} × {HEIGHT}; least of {REPEATS} runs, "
+        f"in turn. The pictures differ by {error.mean():.4f} of 255 on average (tiles: Cairo's clipping).",
         "",
         "| | wall, s | × bare | CPU, s | × bare |",
         "|---|---:|---:|---:|---:|",
@@ -104,9 +105,9 @@ def tiff_table() -> list[str]:
             rows.append(tiff_row(plan, brush, path, cost))
             print(rows[-1], file=sys.stderr)
     return [
-        f"{TIFF_WIDTH:,} × {TIFF_HEIGHT:,} pixels (7.2 GB), as `strokeplan render PLAN -o out.tif --width {TIFF_WIDTH}`; the "
-        "whole process, its peak memory by the operating system's account. Then tifffile reads the strips of a region "
-        "back, and they are compared, byte for byte, with what `--region` paints.",
+        f"{TIFF_WIDTH:,} × {TIFF_HEIGHT:,} pixels (7.2 GB): "
+        f"`strokeplan render PLAN -o out.tif --width {TIFF_WIDTH}`; the whole process, its peak memory by the operating system's account. Then tifffile reads the "
+        "strips of a region back, and they are compared, byte for byte, with what `--region` paints.",
         "",
         "| plan | strokes | brush | peak, MB | wall, s | CPU, s | file, MB | region |",
         "|---|---:|---|---:|---:|---:|---:|---|",
@@ -130,7 +131,8 @@ def read_back(path: Path, left: int, top: int, wide: int, tall: int) -> NDArray[
     """A part of a TIFF, by the strips that hold it."""
     with tifffile.TiffFile(path) as file:
         page = file.pages.first
-        assert (page.imagewidth, page.imagelength) == (TIFF_WIDTH, TIFF_HEIGHT)
+        if (page.imagewidth, page.imagelength) != (TIFF_WIDTH, TIFF_HEIGHT):
+            raise SystemExit(f"{path} has {page.imagewidth} × {page.imagelength} pixels")
         strips = []
         for index in range(top // page.rowsperstrip, (top + tall - 1) // page.rowsperstrip + 1):
             file.filehandle.seek(page.dataoffsets[index])
