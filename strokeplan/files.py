@@ -22,14 +22,14 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     temporary = None
     try:
         check_writable(path)
-        path = path.resolve()  # through a link, to what it points to
-        handle, name = tempfile.mkstemp(prefix=".strokeplan-", suffix=".part", dir=path.parent)
+        target = path.resolve()  # through a link, to what it points to
+        handle, name = tempfile.mkstemp(prefix=".strokeplan-", suffix=".part", dir=target.parent)
         os.close(handle)
         temporary = Path(name)
         with temporary.open("wb") as stream:  # by its name, which tifffile asks for
             yield stream
-        temporary.chmod(_mode(path))
-        temporary.replace(path)
+        temporary.chmod(_mode(target))
+        temporary.replace(target)
         temporary = None
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.curves import fit, point, rdp, scratch_inside, subdivisions
-from strokeplan.jit import kernel
+from strokeplan.jit import is_cached, kernel
 
 MAX_ARC_STEP = np.pi / 6
 """No two points of an arc are further apart, however small the disc."""
@@ -33,6 +33,11 @@ FINEST = 1e-6
 """No tolerance is finer than this part of the stroke's extent: curves far larger than the canvas stay affordable."""
 POLYGON_PART = 0.2
 """Part of the tolerance of fitted cubics that the polygon they are fitted to takes; simplifying takes as much."""
+
+
+def compiled() -> bool:
+    """Whether the kernel of `outline` is in Numba's cache; if not, the first outline compiles it."""
+    return is_cached(_outline)
 
 
 def outline(

@@ -39,14 +39,21 @@ def inspect(
         int | None, typer.Option("--count", help="Also so many tracts that wander from the one seed.")
     ] = None,
     compare: Annotated[bool, typer.Option("--compare", help="Also gradient beside tensor strokes (Figure 3).")] = False,
+    suffix: Annotated[
+        str, typer.Option("--format", metavar="SUFFIX", help="Of the figures: png, tif, jpg or webp.")
+    ] = "png",
 ) -> None:
     """Draw orientation, coherence and tracts of a photo, as the paper's Figures 2 and 3."""
     from strokeplan import figures, formats, presets, rendering
+    from strokeplan.errors import FormatError
     from strokeplan.image import load_photo
     from strokeplan.planner import layer_field, layer_spread, layer_tract, plan
 
     rendering.require_cairo()
     formats.check_folder(output)
+    suffix = "." + suffix.removeprefix(".")
+    if suffix not in formats.PICTURES:
+        raise FormatError(f"--format {suffix} is no picture's; known are {', '.join(formats.PICTURES)}")
     style = presets.style(preset, settings)
     if wander is not None:
         style = style.override({"wander": wander})
@@ -55,26 +62,29 @@ def inspect(
     field = layer_field(photo, style, layer)
     start = figures.clearest_point(field) if point is None else _parse_point(point)
     tract = layer_tract(field, style, layer, start)
-    pictures = {
-        "orientation.png": figures.orientation_figure(photo, field, spacing=spacing),
-        "coherence.png": figures.coherence_figure(field),
-        "tract.png": figures.tract_figure(photo, tract, start),
+    drawn = {
+        "orientation": figures.orientation_figure(photo, field, spacing=spacing),
+        "coherence": figures.coherence_figure(field),
+        "tract": figures.tract_figure(photo, tract, start),
     }
     if count is not None:
         spread = layer_spread(field, style, layer, start, count, seed)
-        pictures["spread.png"] = figures.spread_figure(photo, spread, start)
+        drawn["spread"] = figures.spread_figure(photo, spread, start)
     if compare:
         sides = [rendering.render(plan(photo, style, seed, orientation=kind)) for kind in ("gradient", "tensor")]
-        pictures["compare.png"] = figures.side_by_side(sides)
+        drawn["compare"] = figures.side_by_side(sides)
     output.mkdir(parents=True, exist_ok=True)
-    for name, picture in pictures.items():
-        formats.write(output / name, rendering.encode_png(picture))
-        echo_written(output / name)
+    for name, picture in drawn.items():
+        path = output / f"{name}{suffix}"
+        formats.write(path, rendering.encode_picture(picture, path))
+        echo_written(path)
 
 
 def montage(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE", help="Photos, or folders of photos.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT", help="The sheet to write: .png.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", help="The sheet to write: .png, .tif, .jpg or .webp.")
+    ],
     preset: PresetOption = "paper-published",
     seed: SeedOption = 0,
     settings: SetOption = None,
@@ -106,7 +116,7 @@ def montage(
         pictures.append(figures.shrink(rendering.render(strokes), scale))
         if not quiet:
             typer.echo(f"{path.name}: {len(strokes):,} strokes", err=True)
-    formats.write(output, rendering.encode_png(figures.montage(pictures, columns=columns)))
+    formats.write(output, rendering.encode_picture(figures.montage(pictures, columns=columns), output))
     echo_written(output)
 
 

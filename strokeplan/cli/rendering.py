@@ -72,6 +72,8 @@ def render(
         strokes, shown, brush=brush, background=background, layers=None if layers is None else view.parse_layers(layers)
     )
     pictures.check_picture(output, shown, work.channels)
+    if not work.compiled:
+        typer.echo("compiling the brush for this machine, once: some ten seconds", err=True)
     with atomic_write(output) as stream, painting_bar(quiet) as progress:
         pictures.write_picture(stream, output, work, dpi=dpi, threads=threads, progress=progress)
     if not quiet:

@@ -156,8 +156,9 @@ def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: in
 
 def check_picture(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
     """`check_target` for a command that makes pictures only."""
-    if Path(path).suffix.lower() != ".png":
-        raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known is .png")
+    if not is_picture(path):
+        known = ", ".join(PICTURES)
+        raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a picture; known are {known}")
     check_target(path, *inputs)
 
 

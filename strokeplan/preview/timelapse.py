@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from strokeplan.errors import FormatError, InputError
 from strokeplan.files import atomic_write
-from strokeplan.outlines import outline
-from strokeplan.rendering import Surface
+from strokeplan.rendering import Round, Surface, Tile
 from strokeplan.strokes import StrokePlan
 
 if TYPE_CHECKING:
@@ -36,7 +35,6 @@ MAX_PIXELS = 500_000_000
 """Of all frames together: half a gigabyte, which a GIF takes while it is written."""
 HOLD_S = 2.0
 """How long the finished picture stays."""
-TOLERANCE_PX = 0.05
 PALETTE_TIMES = (0.1, 0.4, 1.0)
 """The moments whose colours the palette of a GIF is chosen from."""
 WEBP_QUALITY = 80
@@ -128,34 +126,12 @@ def _pictures(plan: StrokePlan, size: tuple[int, int], times: NDArray[np.float64
     from PIL import Image
 
     surface = Surface(*size, plan.background)
-    scales = size[0] / plan.width, size[1] / plan.height
-    surface.context.scale(*scales)
+    tile, brush = Tile(surface, 0, 0, size[0] / plan.width, size[1] / plan.height), Round()
     ends = np.searchsorted(pace(plan), times, side="right")
     ends[times >= 1.0] = len(plan)
     for first, last in pairwise((0, *ends.tolist())):
-        _lay(surface.context, plan, first, last, TOLERANCE_PX / max(scales))
+        brush.paint(tile, plan, np.arange(first, last))
         yield Image.fromarray(surface.picture())
-
-
-def _lay(context: Any, plan: StrokePlan, first: int, last: int, tolerance: float) -> None:
-    import cairo
-
-    context.set_line_join(cairo.LINE_JOIN_ROUND)
-    for layer in plan.layers:
-        context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
-        for i in range(max(first, layer.first), min(last, layer.last)):
-            context.set_source_rgb(*(plan.colors[i] / 255).tolist())
-            if plan.has_pressure[i]:
-                for x, y in outline(plan.stroke(i), plan.radii(i), tolerance, round_caps=layer.cap == "round").tolist():
-                    context.line_to(x, y)
-                context.fill()
-                continue
-            chain = plan.stroke(i).tolist()
-            context.set_line_width(plan.widths[i])
-            context.move_to(*chain[0])
-            for k in range(1, len(chain), 3):
-                context.curve_to(*chain[k], *chain[k + 1], *chain[k + 2])
-            context.stroke()
 
 
 def _told(

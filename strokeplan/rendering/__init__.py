@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strokeplan.rendering.brushes import BRUSHES, Brush, as_brush
 from strokeplan.rendering.nibs import Flat, Round
-from strokeplan.rendering.pictures import encode_png
+from strokeplan.rendering.pictures import encode_picture, encode_png
 from strokeplan.rendering.raster import paint, render
 from strokeplan.rendering.ribbons import Bristle, Dry, Line, Wet
 from strokeplan.rendering.stamps import Stamp
@@ -26,6 +26,7 @@ __all__ = [
     "Wet",
     "as_brush",
     "check_sides",
+    "encode_picture",
     "encode_png",
     "paint",
     "render",

@@ -22,7 +22,10 @@ from strokeplan.strokes import StrokePlan
 
 
 class Brush(Protocol):
-    """Anything that paints strokes. Every brush obeys pressure (how wide) and, unless it is round, angle."""
+    """Anything that paints strokes. Every brush obeys pressure (how wide) and, unless it is round, angle.
+
+    One that has kernels may also say `compiled(plan)`: whether they are in Numba's cache.
+    """
 
     @property
     def reach(self) -> float:

@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from strokeplan import outlines
 from strokeplan.curves import point, subdivisions
-from strokeplan.jit import kernel
-from strokeplan.outlines import FINEST, outline
+from strokeplan.jit import is_cached, kernel
+from strokeplan.outlines import FINEST
 from strokeplan.rendering.surface import require_cairo
 from strokeplan.rendering.tile import Tile
 from strokeplan.strokes import StrokePlan
@@ -38,9 +39,13 @@ class Round(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def detail(self) -> float:
         return 1.0
 
+    def compiled(self, plan: StrokePlan) -> bool:
+        return plan.pressures is None or outlines.compiled()
+
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         cairo = require_cairo()
         context = tile.context()
+        context.save()  # strokes may be painted on a tile bit by bit
         # A picture may be stretched. Units of the plan, as Cairo takes a stretch that keeps areas for none.
         context.scale(tile.scale_x, tile.scale_y)
         context.set_line_join(cairo.LINE_JOIN_ROUND)
@@ -48,6 +53,7 @@ class Round(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             first, last = np.searchsorted(strokes, (layer.first, layer.last))
             context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
             _stroke(context, tile, plan, strokes[first:last], round_caps=layer.cap == "round")
+        context.restore()
 
 
 def _stroke(context: Any, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64], *, round_caps: bool) -> None:
@@ -65,7 +71,7 @@ def _stroke(context: Any, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int6
         if i in pressed:
             radii = plan.radii(int(strokes[i]))
             chain = points[begin // 2 : end // 2]
-            for x, y in outline(chain, radii, tolerance, round_caps=round_caps).tolist():
+            for x, y in outlines.outline(chain, radii, tolerance, round_caps=round_caps).tolist():
                 context.line_to(x, y)
             context.fill()
             continue
@@ -92,6 +98,9 @@ class Flat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def detail(self) -> float:
         return 1.0
+
+    def compiled(self, plan: StrokePlan) -> bool:
+        return is_cached(_sweep)
 
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         context = tile.context()

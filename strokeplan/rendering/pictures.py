@@ -16,7 +16,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,44 @@ class Tags:
     dpi: float | None = None
 
 
+class Painting(Protocol):
+    """A picture that is there, or is painted when a file asks for it: a raster.Job, or pixels that are done."""
+
+    @property
+    def view(self) -> View: ...
+
+    @property
+    def channels(self) -> int: ...
+
+    def picture(self, threads: int | None = None, progress: Progress | None = None) -> NDArray[np.uint8]:
+        """All of it."""
+
+    def bands(self, threads: int | None = None) -> Iterator[NDArray[np.uint8]]:
+        """Its rows, some at a time from the top."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Done:
+    """A (h, w, 3) or (h, w, 4) uint8 picture that is there."""
+
+    pixels: NDArray[np.uint8]
+
+    @property
+    def view(self) -> View:
+        rows, columns = self.pixels.shape[:2]
+        return View(columns, rows, 0, 0, columns, rows)
+
+    @property
+    def channels(self) -> int:
+        return int(self.pixels.shape[2])
+
+    def picture(self, threads: int | None = None, progress: Progress | None = None) -> NDArray[np.uint8]:
+        return self.pixels
+
+    def bands(self, threads: int | None = None) -> Iterator[NDArray[np.uint8]]:
+        yield self.pixels
+
+
 @dataclass(frozen=True, slots=True)
 class PictureFormat:
     """What a kind of picture file can hold."""
@@ -53,7 +91,7 @@ class PictureFormat:
     name: str
     alpha: bool
     max_side: int
-    write: Callable[[IO[bytes], Job, Tags, int | None, Progress | None], None]
+    write: Callable[[IO[bytes], Painting, Tags, int | None, Progress | None], None]
 
 
 def picture_format(path: str | os.PathLike[str]) -> PictureFormat:
@@ -99,11 +137,20 @@ def encode(plan: StrokePlan, path: str | os.PathLike[str]) -> bytes:
     return stream.getvalue()
 
 
+def encode_picture(picture: NDArray[np.uint8], path: str | os.PathLike[str]) -> bytes:
+    """The file of a (h, w, 3) or (h, w, 4) uint8 picture, in the format of `path`'s suffix.
+
+    Raises FormatError for another suffix, InputError for a picture that the format cannot hold.
+    """
+    done, stream = Done(picture), io.BytesIO()
+    check_picture(path, done.view, done.channels)
+    picture_format(path).write(stream, done, Tags(), None, None)
+    return stream.getvalue()
+
+
 def encode_png(picture: NDArray[np.uint8]) -> bytes:
     """A (h, w, 3) or (h, w, 4) uint8 picture as a PNG file."""
-    stream = io.BytesIO()
-    _save_png(stream, picture, Tags())
-    return stream.getvalue()
+    return encode_picture(picture, ".png")
 
 
 def _title(work: Job) -> str:
@@ -111,11 +158,7 @@ def _title(work: Job) -> str:
     return title if isinstance(title, str) else work.plan.source.name if work.plan.source else ""
 
 
-def _write_png(stream: IO[bytes], work: Job, tags: Tags, threads: int | None, progress: Progress | None) -> None:
-    _save_png(stream, work.picture(threads, progress), tags)
-
-
-def _save_png(stream: IO[bytes], picture: NDArray[np.uint8], tags: Tags) -> None:
+def _write_png(stream: IO[bytes], work: Painting, tags: Tags, threads: int | None, progress: Progress | None) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -125,10 +168,10 @@ def _save_png(stream: IO[bytes], picture: NDArray[np.uint8], tags: Tags) -> None
         if text:
             info.add_itxt(keyword, text)
     more = {} if tags.dpi is None else {"dpi": (tags.dpi, tags.dpi)}
-    Image.fromarray(picture).save(stream, "PNG", compress_level=6, pnginfo=info, **more)
+    Image.fromarray(work.picture(threads, progress)).save(stream, "PNG", compress_level=6, pnginfo=info, **more)
 
 
-def _write_jpeg(stream: IO[bytes], work: Job, tags: Tags, threads: int | None, progress: Progress | None) -> None:
+def _write_jpeg(stream: IO[bytes], work: Painting, tags: Tags, threads: int | None, progress: Progress | None) -> None:
     from PIL import Image
 
     more: dict[str, Any] = {} if tags.dpi is None else {"dpi": (round(tags.dpi), round(tags.dpi))}
@@ -137,7 +180,7 @@ def _write_jpeg(stream: IO[bytes], work: Job, tags: Tags, threads: int | None, p
     )
 
 
-def _write_webp(stream: IO[bytes], work: Job, tags: Tags, threads: int | None, progress: Progress | None) -> None:
+def _write_webp(stream: IO[bytes], work: Painting, tags: Tags, threads: int | None, progress: Progress | None) -> None:
     from PIL import Image
 
     Image.fromarray(work.picture(threads, progress)).save(
@@ -158,7 +201,7 @@ def _exif(tags: Tags) -> Any:
     return exif
 
 
-def _write_tiff(stream: IO[bytes], work: Job, tags: Tags, threads: int | None, progress: Progress | None) -> None:
+def _write_tiff(stream: IO[bytes], work: Painting, tags: Tags, threads: int | None, progress: Progress | None) -> None:
     import tifffile
 
     shape = work.view.height, work.view.width, work.channels

@@ -32,6 +32,8 @@ TILE_COLUMNS, TILE_ROWS = 2048, 256
 LEAST_DETAIL_PX = 1.2
 """Lines of a brush that are thinner are painted larger and reduced: where translucent pixels of several strokes
 lie over each other, coverage alone no longer tells what is seen."""
+THIN_PART = 0.25
+"""Strokes that are thinner than the stroke whose lines decide, as a part of all."""
 MAX_FINER = 4
 MEMORY_PART = 0.8
 """Part of the machine's memory that a picture held as a whole may take."""
@@ -120,6 +122,12 @@ class Job:
     def channels(self) -> int:
         return 4 if self.ground.transparent else 3
 
+    @property
+    def compiled(self) -> bool:
+        """Whether the brush can paint at once; if not, its first stroke compiles its kernels."""
+        asked = getattr(self.brush, "compiled", None)
+        return asked is None or len(self.strokes) == 0 or bool(asked(self.plan))
+
     @cached_property
     def _boxes(self) -> NDArray[np.float64]:
         """(4, m): left, top, right, bottom of the paint of every stroke, in pixels of the whole canvas."""
@@ -140,7 +148,7 @@ class Job:
         detail = (
             self.brush.detail
             * 0.5
-            * float(np.median(self.plan.widths[self.strokes]))
+            * float(np.quantile(self.plan.widths[self.strokes], THIN_PART))
             * min(self.view.scales(self.plan))
         )
         return min(max(int(np.ceil(LEAST_DETAIL_PX / detail)), 1), MAX_FINER)
@@ -163,17 +171,17 @@ class Job:
             raise InputError(f"{threads} threads can paint nothing; give at least 1")
         _ = self._boxes, self._finer  # once, before threads ask for them together
         pending: deque[Future[NDArray[np.uint8]]] = deque()
-        with ThreadPoolExecutor(count) as pool:
-            try:
-                for top, bottom in self._spans():
-                    pending.append(pool.submit(self._band, top, bottom))
-                    if len(pending) > count:
-                        yield pending.popleft().result()
-                while pending:
+        pool = ThreadPoolExecutor(count)
+        try:
+            for top, bottom in self._spans():
+                pending.append(pool.submit(self._band, top, bottom))
+                if len(pending) > count:
                     yield pending.popleft().result()
-            finally:
-                for future in pending:
-                    future.cancel()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            # Without waiting: after Ctrl-C a band may be painted, or its brush compiled, for many seconds more.
+            pool.shutdown(wait=False, cancel_futures=True)
 
     def _spans(self) -> Iterator[tuple[int, int]]:
         """First row and the row after the last, of every band."""

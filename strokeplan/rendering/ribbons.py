@@ -20,7 +20,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.rendering.nibs import flattened, half_widths, nib_angles
 from strokeplan.rendering.noise import chance, noise, smooth
 from strokeplan.rendering.tile import Tile, blend
@@ -59,6 +59,9 @@ class _Ribbon(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def detail(self) -> float:
         return 1.0
+
+    def compiled(self, plan: StrokePlan) -> bool:
+        return is_cached(_ribbons)
 
     def _laid(
         self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64], kind: int, angle: float | None, *values: float

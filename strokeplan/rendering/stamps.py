@@ -18,7 +18,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from strokeplan.errors import ImageError
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.rendering.nibs import flattened, half_widths, nib_angles
 from strokeplan.rendering.noise import chance
 from strokeplan.rendering.tile import Tile, blend
@@ -44,8 +44,8 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str | None,
         Meta(description="file whose opaque parts (or, without alpha, dark parts) paint; – for a daub of paint"),
     ] = None
-    spacing: Annotated[float, Meta(ge=0.02, le=20, description="between dabs, in widths of the brush")] = 0.35
-    jitter: Annotated[float, Meta(ge=0, le=1, description="how far dabs are moved, turned and shrunk by chance")] = 0.3
+    spacing: Annotated[float, Meta(ge=0.02, le=20, description="between dabs, in widths of the brush")] = 0.3
+    jitter: Annotated[float, Meta(ge=0, le=1, description="how far dabs are moved, turned and shrunk by chance")] = 0.2
     opacity: Annotated[float, Meta(ge=0.05, le=1, description="of a dab")] = 1.0
     angle: Annotated[
         Annotated[float, Meta(ge=-360, le=360)] | None,
@@ -63,6 +63,9 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def detail(self) -> float:
         return 1.0
+
+    def compiled(self, plan: StrokePlan) -> bool:
+        return is_cached(_stamps)
 
     def paint(self, tile: Tile, plan: StrokePlan, strokes: NDArray[np.int64]) -> None:
         pixels, channels = tile.pixels()
@@ -116,17 +119,19 @@ def _mask(path: Path) -> NDArray[np.float32]:
 
 
 def _daub() -> NDArray[np.float32]:
-    """A short touch of a loaded brush: ragged at both ends, with marks of hairs along it."""
+    """A short touch of a loaded brush: round corners, ends a little ragged, marks of hairs along it.
+
+    Marks are wide and faint, and ends nearly even: side by side and turned, dabs would else make a saw of the edge.
+    """
     from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
     side = 256
     rng = np.random.default_rng(5)
     y, x = (np.mgrid[:side, :side] + 0.5) / (0.5 * side) - 1.0
-    ends = gaussian_filter1d(rng.normal(size=side), 2.5) * 0.22
-    marks = gaussian_filter(rng.normal(size=(side, side)), (1.6, 30.0))
-    marks /= marks.std()
-    body = 1.0 - (np.abs(x / (0.93 + ends[:, None])) ** 3.2 + np.abs(y / 0.8) ** 2.6)
-    paint = np.clip(body * 9.0 + 0.5, 0.0, 1.0) * np.clip(1.75 + 0.75 * marks - 0.9 * np.clip(x, 0.0, 1.0), 0.0, 1.0)
+    ends = gaussian_filter1d(rng.normal(size=side), 7.0)
+    marks = gaussian_filter(rng.normal(size=(side, side)), (2.2, 40.0))
+    body = 1.0 - (np.abs(x / (0.88 + 0.03 * (ends / ends.std())[:, None])) ** 2.6 + np.abs(y / 0.88) ** 2.6)
+    paint = np.clip(body * 7.0 + 0.5, 0.0, 1.0) * np.clip(1.0 + 0.25 * marks / marks.std(), 0.35, 1.0)
     return np.ascontiguousarray(paint, np.float32)
 
 

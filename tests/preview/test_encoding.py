@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_plans import random_plan
 
-from strokeplan import formats
+from strokeplan import ExportOptions, formats
 from strokeplan.preview.encoding import GRID, REACH, encode, varint, zigzag
 from strokeplan.strokes import StrokePlan
 
@@ -147,5 +147,5 @@ def test_a_plan_without_strokes_has_empty_columns() -> None:
 
 def test_columns_are_far_smaller_than_the_strokes_file(small_plan: StrokePlan) -> None:
     _, data = encode(small_plan)
-    file = formats.compress(formats.writer("x.json")(small_plan))
+    file = formats.writer("x.json.gz").encode(small_plan, ExportOptions())
     assert len(data) < 0.75 * len(file)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -37,10 +38,20 @@ def paint_laid(picture: NDArray[np.uint8]) -> float:
     return float((255.0 - picture[..., 0]).sum() / (255 - INK[0]))
 
 
+@pytest.fixture(scope="module")
+def coffee() -> StrokePlan:
+    """A photo planned in a style whose strokes have pressure and angles."""
+    plan = strokeplan.plan(ROOT / "samples" / "coffee.jpg", "impressionist")
+    assert plan.pressures is not None
+    assert plan.angles is not None
+    return plan
+
+
 @pytest.mark.parametrize("brush", BRUSHES)
-def test_the_same_picture_at_every_size(brush: str, small_plan: StrokePlan) -> None:
-    once = render(small_plan, scale=2, brush=brush)
-    reduced = np.asarray(Image.fromarray(render(small_plan, scale=8, brush=brush)).reduce(4))
+def test_painted_at_4_times_the_size_and_reduced_it_is_the_same_picture(brush: str, coffee: StrokePlan) -> None:
+    """All of the cup's rim, with strokes of every layer."""
+    once, large = (render(coffee, scale=scale, brush=brush, region=(190, 100, 160, 100)) for scale in (1, 4))
+    reduced = np.asarray(Image.fromarray(large).reduce(4))
     psnr = [10 * np.log10(255**2 / np.mean((np.roll(reduced, k, 1).astype(float) - once) ** 2)) for k in (0, 1)]
     assert psnr[0] >= REDUCED_PSNR_DB
     assert psnr[1] < psnr[0] - 6  # one pixel aside is another picture
@@ -48,9 +59,10 @@ def test_the_same_picture_at_every_size(brush: str, small_plan: StrokePlan) -> N
 
 @pytest.mark.parametrize("brush", BRUSHES)
 def test_a_region_is_a_crop_of_the_whole_to_the_byte(brush: str, small_plan: StrokePlan) -> None:
-    whole = render(small_plan, scale=6, brush=brush, threads=1)
-    for x, y, wide, tall in ((0, 0, 96, 64), (10, 37, 31, 22), (95, 63, 1, 1)):
-        part = render(small_plan, scale=6, brush=brush, region=(x, y, wide, tall), threads=2)
+    fine = {"brush": brush, "layers": [len(small_plan.layers)], "scale": 6}
+    whole = render(small_plan, threads=1, **fine)
+    for x, y, wide, tall in ((10, 37, 31, 22), (95, 63, 1, 1)):  # the first lies on two rows of tiles
+        part = render(small_plan, region=(x, y, wide, tall), threads=2, **fine)
         np.testing.assert_array_equal(part, whole[6 * y : 6 * (y + tall), 6 * x : 6 * (x + wide)])
 
 
