@@ -2,7 +2,7 @@
 
 Cubics are flattened to three quarters of the tolerance (Wang's bound), which leaves short segments where cubics are
 short or a step of the parameter covers little way. A controller takes a time for each, whatever its length: a serial
-line of 115,200 baud brings some 500 lines a second, an EBB wants 2 ms for each. Vertices that are nearer than `shortest`
+line of 115,200 baud brings some 500 lines a second, an EBB wants 2 ms. Vertices that are nearer than `shortest`
 to the one before are therefore dropped, where those dropped stay within the last quarter of the tolerance.
 
 Known limits: a segment that the tolerance demands stays, however short; no more than `REACH` vertices are dropped
