@@ -138,7 +138,7 @@ def _without(
 def _may_join(links: _Links, u: int, v: int) -> bool:
     if links.mate[u] >= 0 or links.mate[v] >= 0 or links.tail[u] == v:
         return False
-    return links.role[u] == FREE or links.role[u] != links.role[v]
+    return bool(links.role[u] == FREE or links.role[u] != links.role[v])
 
 
 @leaf
