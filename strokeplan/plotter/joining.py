@@ -47,9 +47,12 @@ def roles(fixed: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 def shaken(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nodes, each moved by a hair: how often one is the nearest of others is then bounded."""
-    span = float(np.ptp(nodes, axis=0).max())
-    return nodes + JITTER * span * np.random.default_rng(0).random(nodes.shape)
+    """The nodes, each moved by a hair: the tree can split them all, and none is the nearest of many others.
+
+    They count from their lowest corner, so that a hair is no less than what a float tells apart there.
+    """
+    moved = nodes - nodes.min(axis=0)
+    return moved + JITTER * (float(moved.max()) or 1.0) * np.random.default_rng(0).random(nodes.shape)
 
 
 def nearest(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import shapely
@@ -54,7 +56,7 @@ def test_a_short_segment_is_one_that_the_tolerance_demands(parts: list[Points], 
     for i in range(len(parts)):
         line, fine = kept[begins[i] : begins[i + 1]], all_[firsts[i] : firsts[i + 1]]
         at = positions(line, fine)
-        for a, b in zip(at[:-2], at[1:-1], strict=True):  # the last may be short: it ends where the stroke does
+        for a, b in pairwise(at[:-1]):  # the last may be short: it ends where the stroke does
             if np.hypot(*(fine[b] - fine[a])) < shortest and b - a < REACH:
                 longer = shapely.LineString(fine[[a, b + 1]])
                 strays = shapely.distance(shapely.points(fine[a : b + 2]), longer).max()
