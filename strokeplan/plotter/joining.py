@@ -114,7 +114,8 @@ def _both_ways(
     us: NDArray[np.int64], vs: NDArray[np.int64], n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """The pairs, and all partners of node u as partners[first[u]:first[u + 1]]."""
-    key = np.unique(np.concatenate([us * n + vs, vs * n + us]))
+    key = np.sort(np.concatenate([us * n + vs, vs * n + us]))
+    key = key[np.diff(key, prepend=-1) > 0]
     first = np.searchsorted(key, np.arange(n + 1) * n)
     return us, vs, first, key % n
 

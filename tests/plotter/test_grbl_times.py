@@ -26,5 +26,5 @@ def test_estimates_are_those_of_the_machine(name: str, setting: tuple[int, int, 
 
 def test_the_comparison_sees_another_acceleration() -> None:
     x, y, deviation, feed = motion.SETTINGS[0]
-    slower = motion.motion(DRAWINGS["hatches"], (x, int(0.9 * y), deviation, feed)).total_s
+    slower = motion.motion(DRAWINGS["hatches"], (x, y // 2, deviation, feed)).total_s
     assert slower > 1.01 * TIMES[f"hatches {motion.SETTINGS[0]}"]
