@@ -51,8 +51,9 @@ def shaken(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
 
     They count from their lowest corner, so that a hair is no less than what a float tells apart there.
     """
-    moved = nodes - nodes.min(axis=0)
-    return moved + JITTER * (float(moved.max()) or 1.0) * np.random.default_rng(0).random(nodes.shape)
+    moved: NDArray[np.float64] = nodes - nodes.min(axis=0)
+    moved += JITTER * (float(moved.max()) or 1.0) * np.random.default_rng(0).random(nodes.shape)
+    return moved
 
 
 def nearest(
