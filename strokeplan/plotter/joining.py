@@ -85,16 +85,16 @@ def tour_of(
     links = _Links(role.copy(), np.full(len(role), -1), np.arange(len(role)) ^ 1)
     links.mate[nowhere] = nowhere  # not to be joined: all others will be, in one path from here
     left = len(role) // 2
-    every = np.arange(len(role))
     if tolerance > 0:
-        us, vs, gaps = _pairs(points, every, near)
+        us, vs, gaps = _pairs(points, np.arange(len(role)), near)
         within = gaps <= tolerance
         left -= _match(links, *_both_ways(us[within], vs[within], len(role)))
-    us, vs, _ = _pairs(points, every, near[:, :MATCHES])
+    free = np.flatnonzero(links.mate < 0)
+    us, vs, _ = _pairs(points, free, near[free, :MATCHES])
     left -= _join_all(links, us, vs)
     while left > 1:
-        free = links.mate < 0
-        exits, entries = np.flatnonzero(free & (links.role != ENTRY)), np.flatnonzero(free & (links.role != EXIT))
+        free = np.flatnonzero(links.mate < 0)
+        exits, entries = free[links.role[free] != ENTRY], free[links.role[free] != EXIT]
         us, vs, _ = _pairs(points, exits, nearest(points, exits, entries, links.tail, MATCHES))
         left -= _join_all(links, us, vs)
     return _walk(links.mate, nowhere)
