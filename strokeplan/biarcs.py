@@ -7,6 +7,9 @@ stretch is halved. Joints keep the curve's tangent, so the arcs are as smooth as
 An arc is its end points and its bulge, the tangent of a quarter of its angle: 0 is a line, 1 half a circle, positive
 counterclockwise where y points up.
 
+`biarcs_all` does so for all chains of a plan at once; `chords` cuts arcs as a controller does, for the planner of its
+motion.
+
 Known limits: halves are halves of the parameter, so a few arcs more are made than an optimum would need; the distance
 is measured at `PROBES` points of each stretch.
 """
@@ -54,6 +57,26 @@ class Arcs:
         return centres
 
 
+@dataclass(frozen=True, slots=True)
+class ArcChains:
+    """The arcs of n chains: those of chain i begin and end at points[starts[i]:starts[i + 1]]."""
+
+    points: NDArray[np.float64]
+    """(p, 2) where arcs begin and end."""
+    bulges: NDArray[np.float64]
+    """(p,) tan(angle / 4) of the arc from each point to the next; 0 at the last of a chain."""
+    starts: NDArray[np.int64]
+    """(n + 1,) where each chain begins."""
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def chain(self, i: int) -> Arcs:
+        """The arcs of chain i."""
+        a, b = self.starts[i], self.starts[i + 1]
+        return Arcs(self.points[a:b], self.bulges[a : b - 1])
+
+
 def biarcs(chain: NDArray[np.float64], tolerance: float) -> Arcs:
     """Arcs no point of which is further than `tolerance` from the chain of cubics (3k + 1, 2), in its unit.
 
@@ -62,40 +85,88 @@ def biarcs(chain: NDArray[np.float64], tolerance: float) -> Arcs:
     chain = np.ascontiguousarray(chain, np.float64)
     if chain.ndim != 2 or chain.shape[1] != 2 or len(chain) % 3 != 1:
         raise InputError(f"a chain of cubics is (3k + 1, 2), not {chain.shape}")
+    return biarcs_all(chain, np.array([0, len(chain)]), tolerance).chain(0)
+
+
+def biarcs_all(points: NDArray[np.float64], starts: NDArray[np.int64], tolerance: float) -> ArcChains:
+    """`biarcs` of many chains at once, `points` (p, 2) and `starts` (n + 1,) as a StrokePlan has them.
+
+    Raises InputError if the tolerance is not above 0, a point is no number, or a chain is none of cubics.
+    """
+    points, starts = np.ascontiguousarray(points, np.float64), np.asarray(starts, np.int64)
     if not 0 < tolerance < np.inf:
         raise InputError(f"tolerance {tolerance} must be above 0")
-    if not np.isfinite(chain).all():
-        raise InputError("the chain has a coordinate that is no number")
-    return Arcs(*_biarcs(chain, float(tolerance)))
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise InputError(f"point {bad[0]} is no number: {points[bad[0]].tolist()}")
+    odd = np.flatnonzero((np.diff(starts) % 3 != 1) | (np.diff(starts) < 1))
+    if len(odd) or starts[0] != 0 or starts[-1] != len(points):
+        at = f"chain {odd[0]} has {np.diff(starts)[odd[0]]}" if len(odd) else f"they are {len(points)}"
+        raise InputError(f"chains of cubics must have 3k + 1 points each, all of them together; {at}")
+    return ArcChains(*_biarcs(points, starts, float(tolerance)))
+
+
+def chords(arcs: ArcChains, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The lines into which GRBL 1.1 cuts arcs: ends on the arc, `tolerance` from it ($12, by default 0.002 mm).
+
+    Returns their ends (v, 2) and (n + 1,) where each chain begins. Raises InputError for a tolerance not above 0.
+    """
+    if not 0 < tolerance < np.inf:
+        raise InputError(f"arc tolerance {tolerance} must be above 0")
+    angle = 4 * np.arctan(arcs.bulges)
+    chord = np.diff(arcs.points, axis=0, append=arcs.points[-1:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.hypot(*chord.T) / (2 * np.abs(np.sin(angle / 2)))
+        count = np.floor(np.abs(0.5 * angle * radius) / np.sqrt(tolerance * (2 * radius - tolerance)))
+    count = np.maximum(np.nan_to_num(count, nan=1.0, posinf=1.0), 1).astype(np.int64)
+    count[arcs.starts[1:] - 1] = 1  # a chain's last point stands for itself
+    firsts = np.concatenate([[0], np.cumsum(count)])
+    which = np.repeat(np.arange(len(count)), count)
+    u = (np.arange(firsts[-1]) - firsts[which]) / count[which]
+    curved = arcs.bulges[which] != 0
+    ratio = np.divide(np.sin(u * angle[which] / 2), np.sin(angle[which] / 2), out=u.copy(), where=curved)
+    turn = -(1 - u) * angle[which] / 2
+    x, y = (chord[which] * ratio[:, None]).T
+    turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=1)
+    return arcs.points[which] + turned, firsts[arcs.starts]
 
 
 @kernel
-def _biarcs(chain: NDArray[np.float64], tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _biarcs(
+    chains: NDArray[np.float64], starts: NDArray[np.int64], tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     points, bulges = np.empty((64, 2)), np.empty(64)
-    points[0] = chain[0]
-    m = 0
+    begins = np.zeros(len(starts), np.int64)
     stack, depths = np.empty((MAX_DEPTH + 2, 2)), np.empty(MAX_DEPTH + 2, np.int64)
-    for c in range(0, len(chain) - 1, 3):
-        stack[0, 0], stack[0, 1], depths[0] = 0.0, 1.0, 0
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            t0, t1, level = stack[depth, 0], stack[depth, 1], depths[depth]
-            if m + 3 > len(points):
-                points, bulges = np.concatenate((points, points)), np.concatenate((bulges, bulges))
-            made = _fit(chain, c, t0, t1, tolerance, points, bulges, m)
-            if made < 0 and level < MAX_DEPTH:
-                t = 0.5 * (t0 + t1)
-                stack[depth, 0], stack[depth, 1], depths[depth] = t, t1, level + 1
-                stack[depth + 1, 0], stack[depth + 1, 1], depths[depth + 1] = t0, t, level + 1
-                depth += 2
-            elif made < 0:
-                points[m + 1, 0], points[m + 1, 1] = point(chain, c, t1)
-                bulges[m] = 0.0
-                m += 1
-            else:
-                m += made
-    return points[: m + 1].copy(), bulges[:m].copy()
+    m = 0
+    for i in range(len(starts) - 1):
+        if m + 1 > len(points):
+            points, bulges = np.concatenate((points, points)), np.concatenate((bulges, bulges))
+        points[m] = chains[starts[i]]
+        for c in range(starts[i], starts[i + 1] - 1, 3):
+            stack[0, 0], stack[0, 1], depths[0] = 0.0, 1.0, 0
+            depth = 1
+            while depth > 0:
+                depth -= 1
+                t0, t1, level = stack[depth, 0], stack[depth, 1], depths[depth]
+                if m + 3 > len(points):
+                    points, bulges = np.concatenate((points, points)), np.concatenate((bulges, bulges))
+                made = _fit(chains, c, t0, t1, tolerance, points, bulges, m)
+                if made < 0 and level < MAX_DEPTH:
+                    t = 0.5 * (t0 + t1)
+                    stack[depth, 0], stack[depth, 1], depths[depth] = t, t1, level + 1
+                    stack[depth + 1, 0], stack[depth + 1, 1], depths[depth + 1] = t0, t, level + 1
+                    depth += 2
+                elif made < 0:
+                    points[m + 1, 0], points[m + 1, 1] = point(chains, c, t1)
+                    bulges[m] = 0.0
+                    m += 1
+                else:
+                    m += made
+        bulges[m] = 0.0
+        m += 1
+        begins[i + 1] = m
+    return points[:m].copy(), bulges[:m].copy(), begins
 
 
 @leaf

@@ -1,13 +1,9 @@
 """The order and direction in which a pen draws strokes: few lifts first, then little travel with the pen up.
 
-A stroke is its two ends. Ends are matched greedily, nearest pairs first, over a k-d tree (Bentley 1992: the greedy
-edge, which starts nearer to the optimum than the nearest neighbour), then 2-opt and Or-opt moves over lists of
-nearest ends improve the tour until none is left that pays. A 2-opt move reverses a run of strokes and flips each of
-them. Where the pen may cross a gap without lifting, a lift counts as so much travel: the same moves then save lifts
-before they save millimetres. Groups (a layer and its pen) are drawn one after the other, each from where the last
-one ended.
-
-Time grows as n log n: runs longer than the last of `RUNS` are not turned, which costs little (Johnson, McGeoch 1997).
+A stroke is its two ends. Ends are joined to a first tour (`joining`), which 2-opt and Or-opt moves over lists of
+nearest ends improve until none is left that pays (`moves`). Where the pen may cross a gap without lifting, a lift
+counts as so much travel: the same moves then save lifts before they save millimetres. Groups (a layer and its pen)
+are drawn one after the other, each from where the last one ended.
 
 Known limits: a closed stroke counts as the point at which it begins; `seat` turns it afterwards.
 """
@@ -15,29 +11,15 @@ Known limits: a closed stroke counts as the point at which it begins; `seat` tur
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from strokeplan.errors import InputError
-from strokeplan.jit import kernel, leaf
-
-NEIGHBOURS = 8
-"""Nearest ends that a move may join an end to."""
-MATCHES = 5
-"""Nearest ends that the greedy edge looks at in one round."""
-LEAF = 8
-"""Points in a leaf of the k-d tree."""
-RUNS = (1_000, 50_000)
-"""No move turns a run longer than this: short ones first, which leave little to do for those that cost more."""
-SEGMENT = 3
-"""Strokes that an Or-opt move takes along at most."""
-GAIN = 1e-7
-"""A move that saves less (mm) is rounding."""
-JITTER = 1e-9
-"""Ends are told apart by this part of their extent where they coincide: no point of the tree has many equals."""
-_FREE, _ENTRY, _EXIT = 0, 1, 2
+from strokeplan.jit import kernel
+from strokeplan.plotter.joining import ENTRY, EXIT, NEIGHBOURS, nearest, roles, shaken, tour_of
+from strokeplan.plotter.moves import Price, cost, improved
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,31 +28,6 @@ class Tour:
 
     index: NDArray[np.int64]
     reversed: NDArray[np.bool_]
-
-
-class _Route(NamedTuple):
-    """A cyclic tour in the work: strokes by position, positions by stroke, and whether a stroke is flipped."""
-
-    order: NDArray[np.int64]
-    pos: NDArray[np.int64]
-    flip: NDArray[np.int64]
-
-
-class _Price(NamedTuple):
-    """What a pen-up move costs; any move to or from the node `free` costs nothing."""
-
-    nodes: NDArray[np.float64]
-    free: int
-    tolerance: float
-    lift: float
-
-
-class _Rules(NamedTuple):
-    """Strokes that keep their direction, whether there are any, and the longest run that is turned."""
-
-    fixed: NDArray[np.bool_]
-    bound: bool
-    reach: int
 
 
 def order(
@@ -95,10 +52,15 @@ def order(
     """
     ends, fixed = _check(ends, one_way, tolerance, lift)
     by_group, bounds = _sort(groups, len(ends))
-    index, flipped = _solve(
-        ends[by_group], fixed[by_group], bounds, np.array(start, np.float64), float(tolerance), float(lift)
-    )
-    return Tour(by_group[index], flipped)
+    index, flipped = np.empty(len(ends), np.int64), np.empty(len(ends), np.bool_)
+    at = np.array(start, np.float64)
+    for a, b in pairwise(bounds):
+        members = by_group[a:b][_along_a_curve(ends[by_group[a:b], 0])]
+        found, flipped[a:b] = _tour(ends[members], fixed[members], at, float(tolerance), float(lift))
+        index[a:b] = members[found]
+        if b > a:
+            at = ends[index[b - 1], 0 if flipped[b - 1] else 1]
+    return Tour(index, flipped)
 
 
 def keep_order(
@@ -193,13 +155,41 @@ def _sort(groups: ArrayLike | None, n: int) -> tuple[NDArray[np.int64], NDArray[
     return by_group, np.concatenate([[0], np.cumsum(np.bincount(rank, minlength=len(first)))])
 
 
+def _along_a_curve(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Points (n, 2) in the order of a Z curve (Morton): what is near is then near in memory as well."""
+    if not len(points):
+        return np.empty(0, np.int64)
+    low = points.min(axis=0)
+    span = float((points - low).max())
+    cell = ((points - low) * (65535 / span) if span > 0 else points - low).astype(np.uint64)
+    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        cell = (cell | (cell << np.uint64(shift))) & np.uint64(mask)
+    return np.argsort(cell[:, 0] | (cell[:, 1] << np.uint64(1)), kind="stable")
+
+
+def _tour(
+    ends: NDArray[np.float64], one_way: NDArray[np.bool_], start: NDArray[np.float64], tolerance: float, lift: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Strokes of one group. Node 2s + e is end e of stroke s; one stroke more leads from nowhere to the start."""
+    nodes = np.concatenate([ends.reshape(-1, 2), [start, start]])
+    fixed = np.append(one_way, True)
+    nowhere = len(nodes) - 2
+    role = roles(fixed)
+    points = shaken(nodes)
+    exits, entries = np.flatnonzero(role != ENTRY), np.flatnonzero(role[:nowhere] != EXIT)
+    near = np.full((len(nodes), NEIGHBOURS), -1, np.int32)
+    near[exits] = nearest(points, exits, entries, np.arange(len(nodes)) ^ 1, NEIGHBOURS)
+    tour = tour_of(points, role, near, nowhere, tolerance if lift > 0 else 0.0)
+    return improved(tour, Price(nodes, nowhere, tolerance, lift), near, fixed)
+
+
 @kernel
 def _directions(
     ends: NDArray[np.float64], fixed: NDArray[np.bool_], start: NDArray[np.float64], tolerance: float, lift: float
 ) -> NDArray[np.bool_]:
     n = len(ends)
     nodes = np.concatenate((ends.copy().reshape(2 * n, 2), start.reshape(1, 2)))
-    price = _Price(nodes, -1, tolerance, lift)
+    price = Price(nodes, -1, tolerance, lift)
     came = np.zeros((n, 2), np.bool_)
     forward, backward = 0.0, np.inf  # cheapest way to the exit of the stroke before, by its direction
     for k in range(n):
@@ -207,8 +197,8 @@ def _directions(
         for flip in range(2):
             exit_before = 2 * n if k == 0 else 2 * k - 1 - flip
             so_far = backward if flip else forward
-            to0 = so_far + _cost(price, exit_before, 2 * k)
-            to1 = so_far + _cost(price, exit_before, 2 * k + 1)
+            to0 = so_far + cost(price, exit_before, 2 * k)
+            to1 = so_far + cost(price, exit_before, 2 * k + 1)
             if to0 < best0:
                 best0, came[k, 0] = to0, flip == 1
             if to1 < best1 and not fixed[k]:
@@ -248,468 +238,3 @@ def _seat(
             begins[k] = last - a
         x, y = points[last, 0], points[last, 1]
     return begins
-
-
-@kernel
-def _solve(
-    ends: NDArray[np.float64],
-    one_way: NDArray[np.bool_],
-    bounds: NDArray[np.int64],
-    start: NDArray[np.float64],
-    tolerance: float,
-    lift: float,
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """One tour after the other, each from where the last one ended."""
-    n = len(ends)
-    index, flipped = np.empty(n, np.int64), np.empty(n, np.bool_)
-    x, y = start[0], start[1]
-    for g in range(len(bounds) - 1):
-        first, last = bounds[g], bounds[g + 1]
-        m = last - first
-        if m == 0:
-            continue
-        nodes = np.empty((2 * m + 2, 2))
-        nodes[: 2 * m] = ends[first:last].copy().reshape(2 * m, 2)
-        nodes[2 * m :, 0] = x
-        nodes[2 * m :, 1] = y
-        fixed = np.ones(m + 1, np.bool_)
-        fixed[:m] = one_way[first:last]
-        tour, flip = _tour(nodes, fixed, tolerance, lift)
-        for k in range(m):
-            index[first + k] = first + tour[k]
-            flipped[first + k] = flip[k]
-        node = 2 * tour[m - 1] + 1 - flip[m - 1]
-        x, y = nodes[node, 0], nodes[node, 1]
-    return index, flipped
-
-
-@kernel
-def _tour(
-    nodes: NDArray[np.float64], fixed: NDArray[np.bool_], tolerance: float, lift: float
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Strokes of one group. Node 2s + e is end e of stroke s; the last stroke leads from nowhere to the start."""
-    m = len(fixed)
-    dummy = m - 1
-    bound = False
-    for k in range(m - 1):
-        if fixed[k]:
-            bound = True
-    role = np.zeros(2 * m, np.int8)
-    for s in range(m):
-        if fixed[s]:
-            role[2 * s], role[2 * s + 1] = _ENTRY, _EXIT
-    if not bound:
-        role[2 * dummy] = role[2 * dummy + 1] = _FREE
-    shaken = _shaken(nodes)
-    targets = np.nonzero(role != _EXIT)[0]
-    near = _nearest(shaken, targets[targets != 2 * dummy], role, np.arange(2 * m) ^ 1, NEIGHBOURS)
-    tour = _greedy(shaken, role, near, dummy)
-    pos = np.empty(m, np.int64)
-    flip = np.zeros(m, np.int64)
-    route = _Route(tour >> 1, pos, flip)
-    for k in range(m):
-        flip[tour[k] >> 1] = tour[k] & 1
-        pos[tour[k] >> 1] = k
-    for reach in RUNS:
-        _improve(route, _Price(nodes, 2 * dummy, tolerance, lift), near, _Rules(fixed, bound, reach))
-        if reach > m:
-            break
-    index, flipped = np.empty(m - 1, np.int64), np.empty(m - 1, np.bool_)
-    back = flip[dummy]
-    for k in range(m - 1):
-        at = (pos[dummy] - 1 - k) % m if back else (pos[dummy] + 1 + k) % m
-        s = route.order[at]
-        index[k] = s
-        flipped[k] = flip[s] != back
-    return index, flipped
-
-
-@kernel
-def _shaken(nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nodes, each moved by a hair: how often one is the nearest of others is then bounded."""
-    span = 0.0
-    for d in range(2):
-        span = max(span, nodes[:, d].max() - nodes[:, d].min())
-    out = np.empty_like(nodes)
-    for k in range(len(nodes)):
-        h = np.uint64(k) * np.uint64(0x9E3779B97F4A7C15)
-        for d in range(2):
-            h ^= h >> np.uint64(29)
-            h *= np.uint64(0xBF58476D1CE4E5B9)
-            h ^= h >> np.uint64(32)
-            out[k, d] = nodes[k, d] + JITTER * span * (np.float64(h >> np.uint64(11)) / 9007199254740992.0)
-    return out
-
-
-@kernel
-def _build(points: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.int8]:
-    """Sort items into an implicit k-d tree: a range is halved at its median; the axis stands where it is halved."""
-    n = len(items)
-    axis = np.zeros(n, np.int8)
-    stack = np.empty((64, 2), np.int64)
-    stack[0, 0], stack[0, 1] = 0, n
-    depth = 1
-    while depth > 0:
-        depth -= 1
-        lo, hi = stack[depth, 0], stack[depth, 1]
-        if hi - lo <= LEAF:
-            continue
-        x0 = x1 = points[items[lo], 0]
-        y0 = y1 = points[items[lo], 1]
-        for k in range(lo + 1, hi):
-            x, y = points[items[k], 0], points[items[k], 1]
-            x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
-        d = 0 if x1 - x0 >= y1 - y0 else 1
-        mid = (lo + hi) // 2
-        _select(points, items, lo, hi - 1, mid, d)
-        axis[mid] = d
-        stack[depth, 0], stack[depth, 1] = lo, mid
-        stack[depth + 1, 0], stack[depth + 1, 1] = mid, hi
-        depth += 2
-    return axis
-
-
-@leaf
-def _select(points: NDArray[np.float64], items: NDArray[np.int64], left: int, right: int, k: int, d: int) -> None:
-    """Hoare: the k-th smallest along axis d to its place, smaller ones before it."""
-    while left < right:
-        pivot = points[items[(left + right) // 2], d]
-        i, j = left, right
-        while i <= j:
-            while points[items[i], d] < pivot:
-                i += 1
-            while points[items[j], d] > pivot:
-                j -= 1
-            if i <= j:
-                items[i], items[j] = items[j], items[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            right = j
-        elif k >= i:
-            left = i
-        else:
-            return
-
-
-@kernel
-def _nearest(
-    points: NDArray[np.float64], targets: NDArray[np.int64], role: NDArray[np.int8], tail: NDArray[np.int64], k: int
-) -> NDArray[np.int32]:
-    """For every node that may be an exit the k nearest targets but its own tail, nearest first; −1 fills up."""
-    items = targets.copy()
-    axis = _build(points, items)
-    near = np.full((len(points), k), -1, np.int32)
-    stack = np.empty((64, 2), np.int64)
-    bounds = np.empty(64)
-    d2 = np.empty(k)
-    for q in range(len(points)):
-        if role[q] == _ENTRY:
-            continue
-        x, y = points[q, 0], points[q, 1]
-        found = 0
-        stack[0, 0], stack[0, 1], bounds[0] = 0, len(items), 0.0
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            if found == k and bounds[depth] >= d2[k - 1]:
-                continue
-            lo, hi = stack[depth, 0], stack[depth, 1]
-            while hi - lo > LEAF:
-                mid = (lo + hi) // 2
-                gap = points[q, axis[mid]] - points[items[mid], axis[mid]]
-                if gap < 0.0:
-                    stack[depth, 0], stack[depth, 1] = mid, hi
-                    hi = mid
-                else:
-                    stack[depth, 0], stack[depth, 1] = lo, mid
-                    lo = mid
-                bounds[depth] = gap * gap
-                depth += 1
-            for at in range(lo, hi):
-                v = items[at]
-                if v == q or v == tail[q]:
-                    continue
-                dd = (points[v, 0] - x) ** 2 + (points[v, 1] - y) ** 2
-                if found < k or dd < d2[k - 1]:
-                    j = found if found < k else k - 1
-                    while j > 0 and d2[j - 1] > dd:
-                        d2[j] = d2[j - 1]
-                        near[q, j] = near[q, j - 1]
-                        j -= 1
-                    d2[j] = dd
-                    near[q, j] = v
-                    found = min(found + 1, k)
-    return near
-
-
-@kernel
-def _greedy(
-    shaken: NDArray[np.float64], role: NDArray[np.int8], near: NDArray[np.int32], dummy: int
-) -> NDArray[np.int64]:
-    """Join the nearest ends, then the nearest of those left over, until one path is left: its entry nodes in order."""
-    m = len(role) // 2
-    role = role.copy()
-    mate = np.full(2 * m, -1, np.int64)
-    tail = np.arange(2 * m) ^ 1
-    free_end = 2 * dummy
-    fragments = m
-    taken = np.zeros(2 * m, np.bool_)
-    taken[free_end] = True
-    first = True
-    while fragments > 1:
-        if not first:
-            live = np.nonzero(~taken & (role != _EXIT))[0]
-            masked = role.copy()
-            for u in range(2 * m):
-                if taken[u]:
-                    masked[u] = _ENTRY
-            near = _nearest(shaken, live, masked, tail, MATCHES)
-        count = 0
-        for u in range(2 * m):
-            for j in range(min(MATCHES, near.shape[1])):
-                if near[u, j] >= 0:
-                    count += 1
-        us, vs, key = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
-        count = 0
-        for u in range(2 * m):
-            for j in range(min(MATCHES, near.shape[1])):
-                v = near[u, j]
-                if v >= 0 and v != free_end:
-                    us[count], vs[count] = u, v
-                    key[count] = (shaken[u, 0] - shaken[v, 0]) ** 2 + (shaken[u, 1] - shaken[v, 1]) ** 2
-                    count += 1
-        for e in np.argsort(key[:count]):
-            u, v = us[e], vs[e]
-            if taken[u] or taken[v] or tail[u] == v:
-                continue
-            if role[u] != _FREE and role[u] == role[v]:
-                continue
-            a, b = tail[u], tail[v]
-            taken[u] = taken[v] = True
-            mate[u], mate[v] = v, u
-            tail[a], tail[b] = b, a
-            ra, rb = role[a], role[b]
-            if ra != _FREE:
-                role[b] = _ENTRY + _EXIT - ra
-            elif rb != _FREE:
-                role[a] = _ENTRY + _EXIT - rb
-            fragments -= 1
-        first = False
-    tour = np.empty(m, np.int64)
-    node = free_end
-    for k in range(m):
-        tour[k] = node
-        node = mate[node ^ 1]
-    return tour
-
-
-@leaf
-def _cost(price: _Price, u: int, v: int) -> float:
-    nodes = price.nodes
-    if u == price.free or v == price.free:
-        return 0.0
-    d = np.sqrt((nodes[u, 0] - nodes[v, 0]) ** 2 + (nodes[u, 1] - nodes[v, 1]) ** 2)
-    return float(d + price.lift if d > price.tolerance else d)
-
-
-@leaf
-def _reverse(route: _Route, i: int, j: int) -> None:
-    """Reverse the run of positions i … j (cyclic), or what amounts to the same, all others."""
-    order, pos, flip = route.order, route.pos, route.flip
-    m = len(order)
-    inside = (j - i) % m + 1
-    if 2 * inside > m:
-        i, j = (j + 1) % m, (i - 1) % m
-        inside = m - inside
-    for _ in range(inside // 2):
-        a, b = order[i], order[j]
-        order[i], order[j] = b, a
-        pos[a], pos[b] = j, i
-        flip[a] ^= 1
-        flip[b] ^= 1
-        i = i + 1 if i + 1 < m else 0
-        j = j - 1 if j > 0 else m - 1
-    if inside % 2:
-        flip[order[i]] ^= 1
-
-
-@leaf
-def _turn(route: _Route, u: int, w: int) -> None:
-    """Turn the run that begins behind node u (as its stroke's exit) and ends with node w."""
-    m = len(route.order)
-    s, c = u >> 1, w >> 1
-    if (1 - (u & 1)) ^ route.flip[s]:
-        i, j = route.pos[c], (route.pos[s] - 1) % m
-    else:
-        i, j = (route.pos[s] + 1) % m, route.pos[c]
-    _reverse(route, i, j)
-
-
-@leaf
-def _exit(route: _Route, s: int, back: int) -> int:
-    """The node at which stroke s is left, the tour read backwards or not."""
-    return int(2 * s + (1 - (route.flip[s] ^ back)))
-
-
-@leaf
-def _entry(route: _Route, s: int, back: int) -> int:
-    """The node at which stroke s is entered."""
-    return int(2 * s + (route.flip[s] ^ back))
-
-
-@leaf
-def _next(route: _Route, s: int, back: int) -> int:
-    """The stroke behind s."""
-    at = route.pos[s] + 1 - 2 * back
-    m = len(route.order)
-    return int(route.order[at - m if at >= m else at + m if at < 0 else at])
-
-
-@leaf
-def _barred(route: _Route, fixed: NDArray[np.bool_], u: int, w: int) -> bool:
-    """Whether `_turn` would turn a stroke that keeps its direction (relative to the last stroke, the start)."""
-    m = len(route.order)
-    s, c = u >> 1, w >> 1
-    if (1 - (u & 1)) ^ route.flip[s]:
-        i, j = route.pos[c], (route.pos[s] - 1) % m
-    else:
-        i, j = (route.pos[s] + 1) % m, route.pos[c]
-    inside = (j - i) % m + 1
-    if (route.pos[m - 1] - i) % m < inside:
-        i, inside = (j + 1) % m, m - inside
-    for k in range(inside):  # noqa: SIM110
-        if fixed[route.order[(i + k) % m]]:
-            return True
-    return False
-
-
-@leaf
-def _step(
-    route: _Route,
-    price: _Price,
-    near: NDArray[np.int32],
-    rules: _Rules,
-    s: int,
-    back: int,
-    touched: NDArray[np.int64],
-) -> bool:
-    """Make the best move that joins the exit of stroke s to a near end; False if none pays. `touched`: its strokes."""
-    bound, fixed = rules.bound, rules.fixed
-    u = _exit(route, s, back)
-    if u == price.free:
-        return False
-    b = _next(route, s, back)
-    v = _entry(route, b, back)
-    removed = _cost(price, u, v)
-    best, kind, t5, t6, t3, t4 = GAIN, 0, 0, 0, 0, 0
-    for q in range(near.shape[1]):
-        w = near[u, q]
-        if w < 0:
-            break
-        g1 = removed - _cost(price, u, w)
-        if g1 <= GAIN:
-            break
-        c = w >> 1
-        if c == s or w == v:
-            continue
-        apart = abs(route.pos[c] - route.pos[s])
-        if min(apart, len(route.order) - apart) > rules.reach:
-            continue
-        if w == _exit(route, c, back):
-            n = _next(route, c, back)
-            x = _entry(route, n, back)
-            g2 = g1 + _cost(price, w, x)
-            gain = g2 - _cost(price, v, x)
-            if gain > best and not (bound and _barred(route, fixed, u, w)):
-                best, kind, t3, t4 = gain, 1, w, x
-            d = c
-            for _ in range(SEGMENT):
-                if d == b or (bound and fixed[d]):
-                    break
-                p = _next(route, d, 1 - back)
-                pe, de = _exit(route, p, back), _entry(route, d, back)
-                gain = g2 + _cost(price, pe, de) - _cost(price, de, v) - _cost(price, pe, x)
-                if gain > best:
-                    best, kind, t3, t4, t5, t6 = gain, 2, w, x, pe, de
-                d = p
-            a = s
-            for _ in range(SEGMENT):
-                if a == n or (bound and fixed[a]):
-                    break
-                p = _next(route, a, 1 - back)
-                pe, ae = _exit(route, p, back), _entry(route, a, back)
-                gain = g2 + _cost(price, pe, ae) - _cost(price, ae, x) - _cost(price, pe, v)
-                if gain > best:
-                    best, kind, t3, t4, t5, t6 = gain, 3, w, x, pe, ae
-                a = p
-        else:
-            p0 = _next(route, c, 1 - back)
-            pe = _exit(route, p0, back)
-            g2 = g1 + _cost(price, pe, w)
-            d = c
-            for _ in range(SEGMENT):
-                if d == s:
-                    break
-                n = _next(route, d, back)
-                de, x = _exit(route, d, back), _entry(route, n, back)
-                gain = g2 + _cost(price, de, x) - _cost(price, de, v) - _cost(price, pe, x)
-                if gain > best:
-                    best, kind, t3, t4, t5, t6 = gain, 4, w, pe, de, x
-                d = n
-            a = s
-            for _ in range(SEGMENT):
-                if a == c:
-                    break
-                p = _next(route, a, 1 - back)
-                qe, ae = _exit(route, p, back), _entry(route, a, back)
-                gain = g2 + _cost(price, qe, ae) - _cost(price, pe, ae) - _cost(price, qe, v)
-                if gain > best:
-                    best, kind, t3, t4, t5, t6 = gain, 5, w, pe, qe, ae
-                a = p
-    if kind == 0:
-        return False
-    touched[0], touched[1], touched[2], touched[3] = s, b, t3 >> 1, t4 >> 1
-    touched[4], touched[5] = s, s
-    if kind > 1:
-        touched[4], touched[5] = t5 >> 1, t6 >> 1
-    if kind == 1:
-        _turn(route, u, t3)
-    elif kind == 2:  # u|v…pe|de…w|x  →  u|w…de|v…pe|x
-        _turn(route, u, t3)
-        _turn(route, t6, v)
-    elif kind == 3:  # pe|ae…u|v…w|x  →  pe|v…w|u…ae|x
-        _turn(route, t5, t3)
-        _turn(route, t5, v)
-    elif kind == 4:  # u|v…pe|w…de|x  →  u|w…de|v…pe|x
-        _turn(route, u, t5)
-        _turn(route, u, t3)
-        _turn(route, t5, v)
-    else:  # qe|ae…u|v…pe|w  →  qe|v…pe|ae…u|w
-        _turn(route, t5, t4)
-        _turn(route, t5, v)
-        _turn(route, t4, t6)
-    return True
-
-
-@kernel
-def _improve(route: _Route, price: _Price, near: NDArray[np.int32], rules: _Rules) -> None:
-    """Make moves until none pays: strokes whose neighbours changed are looked at again."""
-    m = len(route.order)
-    if m < 3:
-        return
-    queue, queued = route.order.copy(), np.ones(m, np.bool_)
-    touched = np.empty(6, np.int64)
-    head, count = 0, m
-    while count > 0:
-        s = queue[head]
-        head = (head + 1) % m
-        count -= 1
-        queued[s] = False
-        for back in range(2):
-            while _step(route, price, near, rules, s, back, touched):
-                for t in touched:
-                    if not queued[t]:
-                        queued[t] = True
-                        queue[(head + count) % m] = t
-                        count += 1
