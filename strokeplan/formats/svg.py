@@ -116,13 +116,15 @@ def _document(layout: Layout, options: ExportOptions) -> svgwrite.Drawing:
     for element in _metadata(plan):
         drawing.set_metadata(element)
     x, y, *size = ("0", "0", "100%", "100%") if options.page is None else map(_number, layout.canvas)
-    drawing.add(drawing.rect((x, y), size, id="background", fill=rgb_to_hex(plan.background)))
+    # Used rather than drawn: plotting programs (vpype read, for one) would take a rectangle for a line to draw.
+    drawing.defs.add(drawing.rect((x, y), size, id="sheet"))
+    drawing.add(drawing.use("#sheet", id="background", fill=rgb_to_hex(plan.background)))
     if options.clip:
         drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect((x, y), size))
     if options.classes:
         drawing.defs.add(drawing.style(_rules(plan, options)))
     for number, layer in enumerate(plan.layers, start=1):
-        drawing.add(_group(drawing, layout, layer, number, options))
+        drawing.add(_group(layout, layer, number, options))
     return drawing
 
 
@@ -138,11 +140,24 @@ def _metadata(plan: StrokePlan) -> Iterator[Element]:
         yield Element("strokeplan:source", {"name": name, "sha256": sha256, **size})
 
 
-def _group(
-    drawing: svgwrite.Drawing, layout: Layout, layer: Layer, number: int, options: ExportOptions
-) -> svgwrite.container.Group:
+class _LayerGroup(svgwrite.container.Group):  # type: ignore[misc]
+    """A layer of Inkscape's; svgwrite would leave out a name without letters."""
+
+    name = ""
+
+    def get_xml(self) -> Any:
+        xml = super().get_xml()
+        xml.set("inkscape:groupmode", "layer")
+        xml.set("inkscape:label", self.name)
+        xml.set("strokeplan:name", self.name)  # kept where the label is not, in Inkscape's plain SVG
+        return xml
+
+
+def _group(layout: Layout, layer: Layer, number: int, options: ExportOptions) -> _LayerGroup:
     widths = np.unique(layout.widths[layer.first : layer.last])
-    group = drawing.g(id=f"layer{number}", fill="none", stroke_linecap=layer.cap, stroke_linejoin="round")
+    ends = {"stroke_linecap": layer.cap, "stroke_linejoin": "round"}
+    group = _LayerGroup(id=f"layer{number}", fill="none", debug=False, **ends)
+    group.name = _text(layer.name)
     if len(widths) == 1:
         group["stroke-width"] = _number(widths[0])
     if options.clip:

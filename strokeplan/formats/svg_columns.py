@@ -37,7 +37,6 @@ class Owner(NamedTuple):
     name: str | None
     medium: Medium
     cap: Cap
-    inkscape: bool
 
 
 class Stroke(NamedTuple):
@@ -164,7 +163,7 @@ class Columns:
         return widths
 
     def _layers(self) -> list[Layer]:
-        """The runs; an empty one only if it is a layer of Inkscape's that is nowhere else and holds no others."""
+        """The runs; an empty one only if it says it is a layer, is nowhere else and holds no others."""
         full = {id(run.owner) for run in self.runs if run.count}
         kept = [run for run in self.runs if run.count or (id(run.owner) not in full and _is_leaf(run.owner))]
         layers, first = [], 0
@@ -232,9 +231,12 @@ def _source(root: Node) -> Source | None:
 
 def _is_leaf(owner: Owner) -> bool:
     """Whether a layer holds no layers of its own."""
-    if not owner.inkscape or owner.node is None:
-        return False
-    return all(child.attributes.get("inkscape:groupmode") != "layer" for child in owner.node.children)
+    return owner.node is not None and is_layer(owner.node) and not any(map(is_layer, owner.node.children))
+
+
+def is_layer(node: Node) -> bool:
+    """Whether a group says that it is a layer: to Inkscape, or (Inkscape's plain SVG drops that) to us."""
+    return node.attributes.get("inkscape:groupmode") == "layer" or "strokeplan:name" in node.attributes
 
 
 def _transform(points: NDArray[np.float64], matrix: Matrix) -> None:

@@ -22,7 +22,7 @@ from strokeplan.errors import FormatError, StrokeplanWarning
 from strokeplan.formats.json import paused_gc
 from strokeplan.formats.json import read as read_bytes
 from strokeplan.formats.svg_canvas import DEFAULT_SIZE, read_canvas, view_box, view_matrix
-from strokeplan.formats.svg_columns import Columns, Owner, Stroke
+from strokeplan.formats.svg_columns import Columns, Owner, Stroke, is_layer
 from strokeplan.formats.svg_moved import moved
 from strokeplan.formats.svg_path import numbers, shape_data, subpaths
 from strokeplan.formats.svg_style import (
@@ -121,7 +121,7 @@ class _Walk:
         box = view_box(self.root)
         whole = self.canvas.width or DEFAULT_SIZE[0], self.canvas.height or DEFAULT_SIZE[1]
         size = (box[2], box[3]) if box else whole
-        nobody = Owner(None, None, "paint", "round", False)
+        nobody = Owner(None, None, "paint", "round")
         self.children(self.root, _State(dict(INHERITED), self.canvas.matrix, 1.0, size, nobody))
         return self.columns.plan(self.root, HAIRLINE)
 
@@ -200,15 +200,15 @@ class _Walk:
         return x <= slack and y <= slack and x + width >= whole[0] - slack and y + height >= whole[1] - slack
 
     def owned(self, node: Node, state: _State) -> _State:
-        """The state in a group that may be a layer: one of Inkscape's, or outermost."""
-        inkscape = node.attributes.get("inkscape:groupmode") == "layer"
-        if not inkscape and state.owner.node is not None:
+        """The state in a group that may be a layer: one by its own words, or outermost."""
+        if not is_layer(node) and state.owner.node is not None:
             return state
-        name = node.attributes.get("inkscape:label", node.attributes.get("id"))
+        given = node.attributes
+        name = given.get("inkscape:label", given.get("strokeplan:name", given.get("id")))
         medium = node.attributes.get("strokeplan:medium", state.owner.medium)
         cap: Cap = "butt" if state.style["stroke-linecap"] == "butt" else "round"
-        owner = Owner(node, name, "ink" if medium == "ink" else "paint", cap, inkscape)
-        if inkscape:
+        owner = Owner(node, name, "ink" if medium == "ink" else "paint", cap)
+        if is_layer(node):
             self.columns.open(owner)
         return state._replace(owner=owner)
 
@@ -353,7 +353,9 @@ class _Walk:
         """Whether this is the canvas's colour: a rectangle under all strokes, ours by name or as large as it."""
         if node.tag != "rect" or self.columns.strokes:
             return False
-        if node.attributes.get("id") != "background" and not self.covers(node, state):
+        user = self.ancestors[-1]
+        named = "background" in (node.attributes.get("id"), user.tag == "use" and user.attributes.get("id"))
+        if not named and not self.covers(node, state):
             return False
         self.columns.paper(fill)
         return True

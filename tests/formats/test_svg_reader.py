@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import re
 import shutil
 import subprocess
 import warnings
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 import svgelements
 from conftest import need_program
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
@@ -288,6 +289,8 @@ def _commands() -> st.SearchStrategy[str]:
 
 @given(_commands())
 def test_paths_are_as_long_as_svgelements_finds_them(data: str) -> None:
+    # After a curve of the other kind SVG has a smooth one begin at its point; svgelements mirrors even there.
+    assume(not re.search("[csCS][^a-zA-Z]*[tT]|[qtQT][^a-zA-Z]*[sS]", data))
     theirs = svgelements.Path(data)
     assert length(subpaths(data)) == pytest.approx(theirs.length(error=1e-5), rel=2e-3, abs=1e-3)
 
