@@ -24,7 +24,7 @@ from strokeplan.formats.json import read as read_bytes
 from strokeplan.formats.svg_canvas import DEFAULT_SIZE, read_canvas, view_box, view_matrix
 from strokeplan.formats.svg_columns import Columns, Owner, Stroke, is_layer
 from strokeplan.formats.svg_moved import moved
-from strokeplan.formats.svg_path import numbers, shape_data, subpaths
+from strokeplan.formats.svg_path import is_simple, numbers, shape_data, subpaths
 from strokeplan.formats.svg_style import (
     INHERITED,
     Matrix,
@@ -273,7 +273,12 @@ class _Walk:
         self.plain(node, state, stroke)
 
     def plain(self, node: Node, state: _State, stroke: Stroke) -> None:
-        for chain in self.chains(node, self.path_data(node, state)):
+        data = self.path_data(node, state)
+        if is_simple(data):
+            self.count(node, data)
+            self.columns.add_simple(data, state.matrix, state.owner, stroke)
+            return
+        for chain in self.chains(node, data):
             self.columns.add(chain, state.matrix, state.owner, stroke)
 
     def brushed(self, node: Node, state: _State) -> None:
@@ -311,12 +316,15 @@ class _Walk:
         found = moved(chain, np.broadcast_to(radii, knots).copy(), shown, slack, round_caps=round_caps)
         return None if found is None else compose(state.matrix, found)
 
-    def chains(self, node: Node, data: str) -> list[list[float]]:
+    def count(self, node: Node, data: str) -> None:
         self.characters += len(data)
         if self.characters > self.length + MAX_USED_DATA:
             raise FormatError(
                 f"{node}: uses show more than {MAX_USED_DATA >> 20} MB of paths; that is too much for an SVG"
             )
+
+    def chains(self, node: Node, data: str) -> list[list[float]]:
+        self.count(node, data)
         try:
             return subpaths(data)
         except ValueError as error:
