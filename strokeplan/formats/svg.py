@@ -32,6 +32,7 @@ from strokeplan.errors import FormatError
 from strokeplan.formats.json import VERSION, hex_colors, paused_gc
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
+from strokeplan.formats.svg_moved import anchors
 from strokeplan.grouping import regroup
 from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 
@@ -199,7 +200,8 @@ def _path_lines(layout: Layout, options: ExportOptions) -> Iterator[bytes]:
             _paints(plan, filled, options), _path_data(points, starts, unit), filled.tolist(), strict=True
         )
     ]
-    for i, attributes in _own_attributes(layout, filled, unit):
+    places = _places(points, starts, unit) if filled.any() else []
+    for i, attributes in _own_attributes(layout, filled, unit, places):
         lines[i] = lines[i][:-2] + attributes + b"/>"
     for layer in plan.layers:
         own, widths = lines[layer.first : layer.last], layout.widths[layer.first : layer.last]
@@ -240,9 +242,11 @@ def _path_data(points: NDArray[np.float64], starts: NDArray[np.int64], unit: int
     return b"\n".join(paths).replace(b" -", b"-").split(b"\n") if paths else []
 
 
-def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Iterator[tuple[int, bytes]]:
-    """What SVG cannot say of a stroke, for those that have it: of an outline the curve and its width; pressure, angle,
-    pen."""
+def _own_attributes(
+    layout: Layout, filled: NDArray[np.bool_], unit: int, places: list[bytes]
+) -> Iterator[tuple[int, bytes]]:
+    """What SVG cannot say of a stroke, for those that have it: of an outline the curve, its width and where it was;
+    pressure, angle, pen."""
     plan = layout.plan
     angled = np.zeros(len(plan), np.bool_)
     if plan.angles is not None:
@@ -253,7 +257,8 @@ def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Ite
     for i in np.flatnonzero(filled | angled | named).tolist():
         text = b""
         if filled[i]:
-            text += b' strokeplan:d="%b" strokeplan:width="%b"' % (next(curves), _number(layout.widths[i]).encode())
+            width = _number(layout.widths[i]).encode()
+            text += b' strokeplan:d="%b" strokeplan:width="%b" strokeplan:at="%b"' % (next(curves), width, places[i])
         if plan.pressures is not None and plan.has_pressure[i]:
             text += b' strokeplan:pressure="%b"' % _along(plan.pressures[knots[i] : knots[i + 1]])
         if plan.angles is not None and angled[i]:
@@ -261,6 +266,15 @@ def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Ite
         if plan.pens is not None and (pen := plan.pens[i]) is not None:
             text += f" strokeplan:pen={quoteattr(_text(pen))}".encode()
         yield i, text
+
+
+def _places(points: NDArray[np.float64], starts: NDArray[np.int64], unit: int) -> list[bytes]:
+    """By what the reader finds out where an outline was moved."""
+    marks, pieces = anchors(np.rint(np.clip(points * unit, -LARGEST_STEP, LARGEST_STEP)) / unit, starts)
+    return [
+        f"{count} {' '.join(map(_number, row))}".encode()
+        for count, row in zip(pieces.tolist(), marks.reshape(-1, 8).tolist(), strict=True)
+    ]
 
 
 def _chosen(layout: Layout, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
