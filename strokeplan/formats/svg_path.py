@@ -82,8 +82,11 @@ def simple_chains(paths: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np
 
 def numbers(text: str) -> list[float]:
     """Numbers with or without commas and spaces between them. Raises ValueError."""
+    spaced = text.replace(",", " ")
+    if "-" in spaced and "e" not in spaced and "E" not in spaced:
+        spaced = spaced.replace("-", " -")  # as "1-2" is written in short
     try:
-        return [float(word) for word in text.replace(",", " ").split()]
+        return [float(word) for word in spaced.split()]
     except ValueError:
         if rest := _NUMBER.sub(" ", text).strip(" \t\r\n\f,"):
             raise ValueError(f"{rest[:20]!r} is no number") from None
