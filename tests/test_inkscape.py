@@ -53,7 +53,8 @@ paths = [
 ]
 pathlib.Path(out).write_text(
     f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" '
-    f'viewBox="0 0 {{picture.width}} {{picture.height}}"><rect id="background" width="100%" height="100%" fill="#000"/>'
+    f'xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="0 0 {{picture.width}} {{picture.height}}">'
+    f'<defs><rect id="sheet" width="100%" height="100%"/></defs><use id="background" xlink:href="#sheet" fill="#000"/>'
     f'<g id="layer1" inkscape:groupmode="layer" inkscape:label="1" shape-rendering="crispEdges">'
     f'<path stroke="red" stroke-width="0.001" d="M-60,-60h1v1z"/>{{"".join(paths)}}</g></svg>'
 )

@@ -114,7 +114,7 @@ def test_as_many_as_32_layers_are_taken(file: Path) -> None:
     assert len(load_preset(file).layers) == 32
 
 
-@pytest.mark.parametrize("name", ["papre", "PAPER", "", "paper.json", "../presets/paper"])
+@pytest.mark.parametrize("name", ["papre", "PAPER", "", "paper.yaml", "../presets/paper"])
 def test_an_unknown_name_is_refused_and_the_known_are_told(name: str) -> None:
     refused(lambda: load_preset(name), repr(name), ", ".join(names()), ".toml")
     refused(lambda: source(name), repr(name), ", ".join(names()))

@@ -299,12 +299,12 @@ def test_options_stand_before_the_file_or_after_it(
 
 
 def test_vpype_keeps_layers_and_names_of_our_svg(tmp_path: Path, small_plan: StrokePlan) -> None:
-    """The other way in: what vpype's own reader makes of a drawing. It takes the background for a line of layer 1."""
+    """The other way in: what vpype's own reader makes of a drawing, and nothing of its background."""
     small_plan.save(tmp_path / "drawing.svg")
     document = vpype_cli.execute(f"read --no-crop {tmp_path / 'drawing.svg'}")
     filled = {number: layer for number, layer in enumerate(small_plan.layers, start=1) if layer.last > layer.first}
-    assert set(filled) | {1} == set(document.layers)
+    assert set(filled) == set(document.layers)
     for number, layer in filled.items():
         assert document.layers[number].property("vp_name") == layer.name
-        assert len(document.layers[number]) == layer.last - layer.first + (number == 1)
+        assert len(document.layers[number]) == layer.last - layer.first
     assert document.page_size == (small_plan.width, small_plan.height)

@@ -32,6 +32,7 @@ from strokeplan.errors import FormatError
 from strokeplan.formats.json import VERSION, hex_colors, paused_gc
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
+from strokeplan.formats.svg_moved import anchors
 from strokeplan.grouping import regroup
 from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 
@@ -116,13 +117,15 @@ def _document(layout: Layout, options: ExportOptions) -> svgwrite.Drawing:
     for element in _metadata(plan):
         drawing.set_metadata(element)
     x, y, *size = ("0", "0", "100%", "100%") if options.page is None else map(_number, layout.canvas)
-    drawing.add(drawing.rect((x, y), size, id="background", fill=rgb_to_hex(plan.background)))
+    # Used rather than drawn: plotting programs (vpype read, for one) would take a rectangle for a line to draw.
+    drawing.defs.add(drawing.rect((x, y), size, id="sheet"))
+    drawing.add(drawing.use("#sheet", id="background", fill=rgb_to_hex(plan.background)))
     if options.clip:
         drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect((x, y), size))
     if options.classes:
         drawing.defs.add(drawing.style(_rules(plan, options)))
     for number, layer in enumerate(plan.layers, start=1):
-        drawing.add(_group(drawing, layout, layer, number, options))
+        drawing.add(_group(layout, layer, number, options))
     return drawing
 
 
@@ -138,11 +141,24 @@ def _metadata(plan: StrokePlan) -> Iterator[Element]:
         yield Element("strokeplan:source", {"name": name, "sha256": sha256, **size})
 
 
-def _group(
-    drawing: svgwrite.Drawing, layout: Layout, layer: Layer, number: int, options: ExportOptions
-) -> svgwrite.container.Group:
+class _LayerGroup(svgwrite.container.Group):  # type: ignore[misc]
+    """A layer of Inkscape's; svgwrite would leave out a name without letters."""
+
+    name = ""
+
+    def get_xml(self) -> Any:
+        xml = super().get_xml()
+        xml.set("inkscape:groupmode", "layer")
+        xml.set("inkscape:label", self.name)
+        xml.set("strokeplan:name", self.name)  # kept where the label is not, in Inkscape's plain SVG
+        return xml
+
+
+def _group(layout: Layout, layer: Layer, number: int, options: ExportOptions) -> _LayerGroup:
     widths = np.unique(layout.widths[layer.first : layer.last])
-    group = drawing.g(id=f"layer{number}", fill="none", stroke_linecap=layer.cap, stroke_linejoin="round")
+    ends = {"stroke_linecap": layer.cap, "stroke_linejoin": "round"}
+    group = _LayerGroup(id=f"layer{number}", fill="none", debug=False, **ends)
+    group.name = _text(layer.name)
     if len(widths) == 1:
         group["stroke-width"] = _number(widths[0])
     if options.clip:
@@ -184,7 +200,8 @@ def _path_lines(layout: Layout, options: ExportOptions) -> Iterator[bytes]:
             _paints(plan, filled, options), _path_data(points, starts, unit), filled.tolist(), strict=True
         )
     ]
-    for i, attributes in _own_attributes(layout, filled, unit):
+    places = _places(points, starts, unit) if filled.any() else []
+    for i, attributes in _own_attributes(layout, filled, unit, places):
         lines[i] = lines[i][:-2] + attributes + b"/>"
     for layer in plan.layers:
         own, widths = lines[layer.first : layer.last], layout.widths[layer.first : layer.last]
@@ -225,9 +242,11 @@ def _path_data(points: NDArray[np.float64], starts: NDArray[np.int64], unit: int
     return b"\n".join(paths).replace(b" -", b"-").split(b"\n") if paths else []
 
 
-def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Iterator[tuple[int, bytes]]:
-    """What SVG cannot say of a stroke, for those that have it: of an outline the curve and its width; pressure, angle,
-    pen."""
+def _own_attributes(
+    layout: Layout, filled: NDArray[np.bool_], unit: int, places: list[bytes]
+) -> Iterator[tuple[int, bytes]]:
+    """What SVG cannot say of a stroke, for those that have it: of an outline the curve, its width and where it was;
+    pressure, angle, pen."""
     plan = layout.plan
     angled = np.zeros(len(plan), np.bool_)
     if plan.angles is not None:
@@ -238,7 +257,8 @@ def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Ite
     for i in np.flatnonzero(filled | angled | named).tolist():
         text = b""
         if filled[i]:
-            text += b' strokeplan:d="%b" strokeplan:width="%b"' % (next(curves), _number(layout.widths[i]).encode())
+            width = _number(layout.widths[i]).encode()
+            text += b' strokeplan:d="%b" strokeplan:width="%b" strokeplan:at="%b"' % (next(curves), width, places[i])
         if plan.pressures is not None and plan.has_pressure[i]:
             text += b' strokeplan:pressure="%b"' % _along(plan.pressures[knots[i] : knots[i + 1]])
         if plan.angles is not None and angled[i]:
@@ -246,6 +266,15 @@ def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Ite
         if plan.pens is not None and (pen := plan.pens[i]) is not None:
             text += f" strokeplan:pen={quoteattr(_text(pen))}".encode()
         yield i, text
+
+
+def _places(points: NDArray[np.float64], starts: NDArray[np.int64], unit: int) -> list[bytes]:
+    """By what the reader finds out where an outline was moved."""
+    marks, pieces = anchors(np.rint(np.clip(points * unit, -LARGEST_STEP, LARGEST_STEP)) / unit, starts)
+    return [
+        f"{count} {' '.join(map(_number, row))}".encode()
+        for count, row in zip(pieces.tolist(), marks.reshape(-1, 8).tolist(), strict=True)
+    ]
 
 
 def _chosen(layout: Layout, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from strokeplan.errors import FormatError
 from strokeplan.formats.svg_canvas import DEFAULT_SIZE, Canvas
+from strokeplan.formats.svg_path import simple_chains
 from strokeplan.formats.svg_style import IDENTITY, Matrix
 from strokeplan.formats.svg_xml import Node
 from strokeplan.strokes import MAX_COORDINATE, MAX_SIZE, Cap, Layer, Medium, Source, StrokePlan
@@ -37,7 +38,6 @@ class Owner(NamedTuple):
     name: str | None
     medium: Medium
     cap: Cap
-    inkscape: bool
 
 
 class Stroke(NamedTuple):
@@ -55,7 +55,7 @@ class _Run:
 
     def __init__(self, owner: Owner) -> None:
         self.owner = owner
-        self.count = self.votes = 0
+        self.count = 0
 
 
 class Columns:
@@ -65,7 +65,9 @@ class Columns:
         self.canvas = canvas
         self.background = (255, 255, 255)
         self.flat = array("d")
+        self.simple: list[str] = []
         self.counts: list[int] = []
+        """Points of each stroke; 0 for those of simple paths until these are read."""
         self.strokes: list[Stroke] = []
         self.along: dict[str, dict[int, list[float]]] = {"pressure": {}, "angle": {}}
         self.runs: list[_Run] = []
@@ -89,32 +91,36 @@ class Columns:
         along: dict[str, list[float]] | None = None,
     ) -> None:
         """One more stroke: its chain of cubics in user units, and values at its on-curve points."""
-        number = len(self.strokes)
-        if matrix != self.turns[-1][1]:
-            self.turns.append((number, matrix))
         self.flat.extend(chain)
         if len(self.flat) > 2 * MAX_POINTS:
             raise FormatError(f"{stroke.node}: strokes come to more than {MAX_POINTS:,} points")
-        self.counts.append(len(chain) // 2)
-        self.strokes.append(stroke)
-        closed = chain[:2] == chain[-2:]  # has no ends to show
         for name, values in (along or {}).items():
             if values:
                 if len(values) != len(chain) // 6 + 1:
                     wanted = f"the stroke has {len(chain) // 6 + 1} on-curve points"
                     raise FormatError(f"{stroke.node}: strokeplan:{name} has {len(values)} values; {wanted}")
-                self.along[name][number] = values
+                self.along[name][len(self.strokes)] = values
+        self._append(len(chain) // 2, matrix, owner, stroke)
+
+    def add_simple(self, data: str, matrix: Matrix, owner: Owner, stroke: Stroke) -> None:
+        """One more stroke, by path data that are simple."""
+        self.simple.append(data)
+        self._append(0, matrix, owner, stroke)
+
+    def _append(self, count: int, matrix: Matrix, owner: Owner, stroke: Stroke) -> None:
+        if matrix is not self.turns[-1][1]:
+            self.turns.append((len(self.strokes), matrix))
+        self.counts.append(count)
+        self.strokes.append(stroke)
         if not self.runs or self.runs[-1].owner is not owner:
             self.runs.append(_Run(owner))
         self.runs[-1].count += 1
-        self.runs[-1].votes += 0 if closed else 1 if stroke.round else -1
 
     # The plan
 
     def plan(self, root: Node, hairline: float) -> StrokePlan:
         """All strokes as a plan; `hairline` is the width of outlines, as a part of the canvas's longer side."""
-        starts = np.concatenate([[0], np.cumsum(np.array(self.counts, np.int64))]).astype(np.int64)
-        points = np.frombuffer(self.flat, np.float64).reshape(-1, 2).copy() if self.strokes else np.empty((0, 2))
+        points, starts = self._chains()
         for (first, matrix), (last, _) in pairwise([*self.turns, (len(self.strokes), IDENTITY)]):
             _transform(points[starts[first] : starts[last]], matrix)
         self._refuse(np.abs(points).max(axis=1, initial=0.0), starts)
@@ -129,14 +135,27 @@ class Columns:
             starts=starts,
             widths=self._widths(hairline * max(width, height)),
             colors=_over(colors, self.background),
-            layers=tuple(self._layers()),
+            layers=tuple(self._layers(points, starts)),
             background=self.background,
             settings=self._settings(root),
             source=_source(root),
-            pressures=self._pressures(),
-            angles=self._angles(),
+            pressures=self._pressures(starts),
+            angles=self._angles(starts),
             pens=pens if any(pen is not None for pen in pens) else None,
         )
+
+    def _chains(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Points and starts, in user units."""
+        counts = np.array(self.counts, np.int64)
+        points = np.array(self.flat, np.float64).reshape(-1, 2)
+        if self.simple:
+            simple = counts == 0
+            own, counts[simple] = simple_chains(self.simple)
+            both = np.empty((len(points) + len(own), 2))
+            rows = np.repeat(simple, counts)
+            both[rows], both[~rows] = own, points
+            points = both
+        return points, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
     def _refuse(self, reach: NDArray[np.float64], starts: NDArray[np.int64]) -> None:
         bad = ~(reach <= MAX_COORDINATE)
@@ -163,30 +182,34 @@ class Columns:
             raise FormatError(f"{self.strokes[index].node}: {stated}")
         return widths
 
-    def _layers(self) -> list[Layer]:
-        """The runs; an empty one only if it is a layer of Inkscape's that is nowhere else and holds no others."""
+    def _layers(self, points: NDArray[np.float64], starts: NDArray[np.int64]) -> list[Layer]:
+        """The runs; an empty one only if it says it is a layer, is nowhere else and holds no others."""
         full = {id(run.owner) for run in self.runs if run.count}
         kept = [run for run in self.runs if run.count or (id(run.owner) not in full and _is_leaf(run.owner))]
         layers, first = [], 0
+        round_caps = np.array([stroke.round for stroke in self.strokes], np.bool_)
+        # What is closed has no ends to show.
+        votes = np.where(round_caps, 1, -1) * (points[starts[:-1]] != points[starts[1:] - 1]).any(axis=1)
         for number, run in enumerate(kept, start=1):
-            cap: Cap = ("round" if run.votes >= 0 else "butt") if run.votes else run.owner.cap
+            vote = votes[first : first + run.count].sum()
+            cap: Cap = ("round" if vote > 0 else "butt") if vote else run.owner.cap
             name = str(number) if run.owner.name is None else run.owner.name
             layers.append(Layer(name, first, first + run.count, run.owner.medium, cap))
             first += run.count
         return layers
 
-    def _pressures(self) -> NDArray[np.float64] | None:
-        pressures = self._column("pressure")
+    def _pressures(self, starts: NDArray[np.int64]) -> NDArray[np.float64] | None:
+        pressures = self._column("pressure", starts)
         if pressures is not None and not np.all(np.isnan(pressures) | ((pressures >= 0) & (pressures <= 1))):
             raise FormatError("a value of strokeplan:pressure is not in 0..1")
         return pressures
 
-    def _angles(self) -> NDArray[np.float64] | None:
+    def _angles(self, starts: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Turned as their strokes are."""
-        angles = self._column("angle")
+        angles = self._column("angle", starts)
         if angles is None:
             return None
-        knots = np.concatenate([[0], np.cumsum(np.array(self.counts) // 3 + 1)])
+        knots = (starts + 2 * np.arange(len(starts))) // 3
         for (first, (a, b, c, d, _, _)), (last, _) in pairwise([*self.turns, (len(self.strokes), IDENTITY)]):
             own = angles[knots[first] : knots[last]]
             if (a, b, c, d) != (1, 0, 0, 1):
@@ -197,11 +220,15 @@ class Columns:
             raise FormatError("a value of strokeplan:angle is not in 0..π, π itself excluded")
         return angles
 
-    def _column(self, name: str) -> NDArray[np.float64] | None:
-        if not self.along[name]:
-            return None
+    def _column(self, name: str, starts: NDArray[np.int64]) -> NDArray[np.float64] | None:
         given = self.along[name]
-        return np.concatenate([given.get(i, np.full(n // 3 + 1, np.nan)) for i, n in enumerate(self.counts)])
+        if not given:
+            return None
+        knots = (starts + 2 * np.arange(len(starts))) // 3
+        column = np.full(knots[-1], np.nan)
+        for i, values in given.items():
+            column[knots[i] : knots[i + 1]] = values
+        return column
 
     def _settings(self, root: Node) -> dict[str, Any]:
         settings: dict[str, Any] = {}
@@ -232,9 +259,12 @@ def _source(root: Node) -> Source | None:
 
 def _is_leaf(owner: Owner) -> bool:
     """Whether a layer holds no layers of its own."""
-    if not owner.inkscape or owner.node is None:
-        return False
-    return all(child.attributes.get("inkscape:groupmode") != "layer" for child in owner.node.children)
+    return owner.node is not None and is_layer(owner.node) and not any(map(is_layer, owner.node.children))
+
+
+def is_layer(node: Node) -> bool:
+    """Whether a group says that it is a layer: to Inkscape, or (Inkscape's plain SVG drops that) to us."""
+    return node.attributes.get("inkscape:groupmode") == "layer" or "strokeplan:name" in node.attributes
 
 
 def _transform(points: NDArray[np.float64], matrix: Matrix) -> None:

@@ -5,14 +5,20 @@ the thirds, arcs in pieces of at most an eighth of a turn (off by 4e-6 of the ra
 a closed one ends exactly where it began. svgelements reads the same and more, but takes 75 µs for a path of three
 cubics, ten times as long, and reads in silence what is no number.
 
+Most paths of ours are an M and a c: such are only looked over when they are met (`is_simple`), and read all at once
+(`simple_chains`), which takes a fifth of the time.
+
 Source: SVG 1.1, chapter 8 and appendix F.6 (arcs).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import acos, ceil, copysign, cos, hypot, isfinite, pi, radians, sin, sqrt, tan
+
+import numpy as np
+from numpy.typing import NDArray
 
 Chain = list[float]
 """x0, y0, then six numbers a cubic."""
@@ -25,6 +31,11 @@ _PIECE = pi / 4
 """Largest arc that one cubic stands for."""
 _COMMANDS = re.compile(r"([A-DF-Za-df-z_])")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_PLAIN, _GAP = r"-?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)", r"(?:[ ,]++|(?=-))"
+_CUBIC = rf"{_PLAIN}(?:{_GAP}{_PLAIN}){{5}}"
+_SIMPLE = re.compile(rf"M ?{_PLAIN}{_GAP}{_PLAIN} ?c ?{_CUBIC}(?:{_GAP}{_CUBIC})*+")
+MAX_SIMPLE = 4000
+"""Characters; pieces of all simple paths are summed in step, so that none may be much longer than the others."""
 _FLAGS = re.compile(
     rf"\s*({_NUMBER.pattern})[\s,]*({_NUMBER.pattern})[\s,]*({_NUMBER.pattern})[\s,]*([01])[\s,]*"
     rf"([01])[\s,]*({_NUMBER.pattern})[\s,]*({_NUMBER.pattern})[\s,]*"
@@ -49,10 +60,33 @@ def subpaths(data: str) -> list[Chain]:
     return tracer.chains
 
 
+def is_simple(data: str) -> bool:
+    """Whether path data are one M and one c of numbers without exponents."""
+    return len(data) <= MAX_SIMPLE and _SIMPLE.fullmatch(data) is not None
+
+
+def simple_chains(paths: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points (p, 2) of all chains, one after the other, and how many each has: of path data that are simple."""
+    text = "".join(paths).encode().replace(b"M", b" nan ").replace(b"c", b" ").replace(b",", b" ").replace(b"-", b" -")
+    values = np.fromstring(text, sep=" ")
+    marks = np.flatnonzero(np.isnan(values))
+    points = np.delete(values, marks).reshape(-1, 2)
+    counts = np.diff(marks, append=len(values)) // 2
+    # Each piece counts from the end of the one before: the first pieces of all chains, then the second …
+    place, left = np.cumsum(counts) - counts, counts // 3
+    while len(place):
+        points[place[:, None] + (1, 2, 3)] += points[place, None]
+        place, left = place[left > 1] + 3, left[left > 1] - 1
+    return points, counts
+
+
 def numbers(text: str) -> list[float]:
     """Numbers with or without commas and spaces between them. Raises ValueError."""
+    spaced = text.replace(",", " ")
+    if "-" in spaced and "e" not in spaced and "E" not in spaced:
+        spaced = spaced.replace("-", " -")  # as "1-2" is written in short
     try:
-        return [float(word) for word in text.replace(",", " ").split()]
+        return [float(word) for word in spaced.split()]
     except ValueError:
         if rest := _NUMBER.sub(" ", text).strip(" \t\r\n\f,"):
             raise ValueError(f"{rest[:20]!r} is no number") from None

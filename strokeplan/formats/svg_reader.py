@@ -16,15 +16,14 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strokeplan.errors import FormatError, StrokeplanWarning
 from strokeplan.formats.json import paused_gc
 from strokeplan.formats.json import read as read_bytes
 from strokeplan.formats.svg_canvas import DEFAULT_SIZE, read_canvas, view_box, view_matrix
-from strokeplan.formats.svg_columns import Columns, Owner, Stroke
-from strokeplan.formats.svg_moved import moved
-from strokeplan.formats.svg_path import numbers, shape_data, subpaths
+from strokeplan.formats.svg_columns import Columns, Owner, Stroke, is_layer
+from strokeplan.formats.svg_moved import TOLERANCE, moved
+from strokeplan.formats.svg_path import is_simple, numbers, shape_data, subpaths
 from strokeplan.formats.svg_style import (
     INHERITED,
     Matrix,
@@ -37,12 +36,10 @@ from strokeplan.formats.svg_style import (
     parse_transform,
 )
 from strokeplan.formats.svg_xml import MAX_BYTES, MAX_DEPTH, Node, parse
-from strokeplan.strokes import MAX_COORDINATE, MAX_SIZE, Cap, StrokePlan
+from strokeplan.strokes import Cap, StrokePlan
 
 HAIRLINE = 1 / 1000
 """Width of the outline of a filled shape, as a part of the canvas's longer side: 0.3 mm on A4."""
-UNMOVED = 2.5e-4
-"""An outline of ours is off by less than this part of the canvas's longer side: a quarter of a pixel on 1,000."""
 MAX_USED, MAX_USED_DATA = 200_000, 1 << 24
 """Elements, and characters of path data, that uses may show beyond those that the file itself has."""
 MAX_STOPS = 1000
@@ -121,7 +118,7 @@ class _Walk:
         box = view_box(self.root)
         whole = self.canvas.width or DEFAULT_SIZE[0], self.canvas.height or DEFAULT_SIZE[1]
         size = (box[2], box[3]) if box else whole
-        nobody = Owner(None, None, "paint", "round", False)
+        nobody = Owner(None, None, "paint", "round")
         self.children(self.root, _State(dict(INHERITED), self.canvas.matrix, 1.0, size, nobody))
         return self.columns.plan(self.root, HAIRLINE)
 
@@ -200,15 +197,15 @@ class _Walk:
         return x <= slack and y <= slack and x + width >= whole[0] - slack and y + height >= whole[1] - slack
 
     def owned(self, node: Node, state: _State) -> _State:
-        """The state in a group that may be a layer: one of Inkscape's, or outermost."""
-        inkscape = node.attributes.get("inkscape:groupmode") == "layer"
-        if not inkscape and state.owner.node is not None:
+        """The state in a group that may be a layer: one by its own words, or outermost."""
+        if not is_layer(node) and state.owner.node is not None:
             return state
-        name = node.attributes.get("inkscape:label", node.attributes.get("id"))
+        given = node.attributes
+        name = given.get("inkscape:label", given.get("strokeplan:name", given.get("id")))
         medium = node.attributes.get("strokeplan:medium", state.owner.medium)
         cap: Cap = "butt" if state.style["stroke-linecap"] == "butt" else "round"
-        owner = Owner(node, name, "ink" if medium == "ink" else "paint", cap, inkscape)
-        if inkscape:
+        owner = Owner(node, name, "ink" if medium == "ink" else "paint", cap)
+        if is_layer(node):
             self.columns.open(owner)
         return state._replace(owner=owner)
 
@@ -273,7 +270,15 @@ class _Walk:
         self.plain(node, state, stroke)
 
     def plain(self, node: Node, state: _State, stroke: Stroke) -> None:
-        for chain in self.chains(node, self.path_data(node, state)):
+        data = self.path_data(node, state)
+        if "strokeplan:angle" in node.attributes and len(chains := self.chains(node, data)) == 1:
+            self.columns.add(chains[0], state.matrix, state.owner, stroke, self.along(node))
+            return
+        if is_simple(data):
+            self.count(node, data)
+            self.columns.add_simple(data, state.matrix, state.owner, stroke)
+            return
+        for chain in self.chains(node, data):
             self.columns.add(chain, state.matrix, state.owner, stroke)
 
     def brushed(self, node: Node, state: _State) -> None:
@@ -283,40 +288,53 @@ class _Walk:
         color = self.paint(state, "fill") or self.paint(state, "stroke")
         if color is None:
             return
-        try:
-            (width,) = numbers(given.get("strokeplan:width", ""))
-            along = {name: numbers(given.get(f"strokeplan:{name}", "")) for name in ("pressure", "angle")}
-        except ValueError as error:
-            raise FormatError(f"{node}: width, pressure and angle of strokeplan are numbers ({error})") from None
+        along = self.along(node)
+        if len(along["width"]) != 1:
+            raise FormatError(f"{node}: strokeplan:width is {given.get('strokeplan:width', '')[:60]!r}, not one number")
         if len(chains) != 1:
             raise FormatError(f"{node}: strokeplan:d has {len(chains)} subpaths; a stroke has one")
-        matrix = self.moved(node, state, chains[0], 0.5 * width * np.array(along["pressure"] or [1.0]))
+        matrix = self.moved(node, state)
         if matrix is None:
             self.lost["brush stroke of another shape kept as its outline"] += 1
-            self.plain(node, state, Stroke(node, color, 0.0, given.get("strokeplan:pen"), True))
+            for chain in self.chains(node, given.get("d", "")):
+                outline = Stroke(node, color, 0.0, given.get("strokeplan:pen"), True)
+                self.columns.add(chain, state.matrix, state.owner, outline)
             return
-        width *= _scale(matrix)
+        width = along.pop("width")[0] * _scale(matrix)
         stroke = Stroke(node, color, width, given.get("strokeplan:pen"), state.style["stroke-linecap"] != "butt")
         self.columns.add(chains[0], matrix, state.owner, stroke, along)
 
-    def moved(self, node: Node, state: _State, chain: list[float], radii: NDArray[np.float64]) -> Matrix | None:
+    def along(self, node: Node) -> dict[str, list[float]]:
+        """What our attributes say in numbers."""
+        names = ("width", "pressure", "angle") if "strokeplan:d" in node.attributes else ("angle",)
+        try:
+            return {name: numbers(node.attributes.get(f"strokeplan:{name}", "")) for name in names}
+        except ValueError as error:
+            raise FormatError(f"{node}: width, pressure and angle of strokeplan are numbers ({error})") from None
+
+    def moved(self, node: Node, state: _State) -> Matrix | None:
         """The transform of a stroke of ours, with what was done to its outline; None if that is another one now."""
-        knots = len(chain) // 6 + 1
-        if len(radii) not in (1, knots) or not max(map(abs, chain)) <= MAX_COORDINATE or not (radii <= MAX_SIZE).all():
-            return state.matrix  # refused when it is added
-        shown = self.chains(node, node.attributes.get("d", ""))
+        if "strokeplan:at" not in node.attributes:
+            return state.matrix
+        try:
+            at = numbers(node.attributes["strokeplan:at"])
+        except ValueError as error:
+            raise FormatError(f"{node}: strokeplan:at ({error})") from None
         longer = max(self.canvas.width or 0.0, self.canvas.height or 0.0)
-        slack = UNMOVED * longer / (_scale(state.matrix) or 1.0)
-        round_caps = state.style["stroke-linecap"] != "butt"
-        found = moved(chain, np.broadcast_to(radii, knots).copy(), shown, slack, round_caps=round_caps)
+        tolerance = TOLERANCE * longer / (_scale(state.matrix) or 1.0)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers out of all bounds are refused afterwards
+            found = moved(at, self.chains(node, node.attributes.get("d", "")), tolerance)
         return None if found is None else compose(state.matrix, found)
 
-    def chains(self, node: Node, data: str) -> list[list[float]]:
+    def count(self, node: Node, data: str) -> None:
         self.characters += len(data)
         if self.characters > self.length + MAX_USED_DATA:
             raise FormatError(
                 f"{node}: uses show more than {MAX_USED_DATA >> 20} MB of paths; that is too much for an SVG"
             )
+
+    def chains(self, node: Node, data: str) -> list[list[float]]:
+        self.count(node, data)
         try:
             return subpaths(data)
         except ValueError as error:
@@ -353,7 +371,9 @@ class _Walk:
         """Whether this is the canvas's colour: a rectangle under all strokes, ours by name or as large as it."""
         if node.tag != "rect" or self.columns.strokes:
             return False
-        if node.attributes.get("id") != "background" and not self.covers(node, state):
+        user = self.ancestors[-1]
+        named = "background" in (node.attributes.get("id"), user.tag == "use" and user.attributes.get("id"))
+        if not named and not self.covers(node, state):
             return False
         self.columns.paper(fill)
         return True

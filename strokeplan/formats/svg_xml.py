@@ -89,7 +89,6 @@ class _Builder:
         parser.buffer_text = True
         parser.StartElementHandler = self.start
         parser.EndElementHandler = self.end
-        parser.CharacterDataHandler = self.characters
         parser.XmlDeclHandler = self.declaration
         parser.EntityDeclHandler = self.entity
 
@@ -100,18 +99,19 @@ class _Builder:
         if len(self.stack) > MAX_DEPTH:
             raise FormatError(f"line {self.parser.CurrentLineNumber}: elements are nested more than {MAX_DEPTH} deep")
         short = self.names.get(tag) or self.short(tag)
-        if any(" " in name for name in attributes):
+        if " " in "".join(attributes):  # a name with its namespace
             attributes = {self.names.get(name) or self.short(name): value for name, value in attributes.items()}
         node = Node(short, attributes, self.parser.CurrentLineNumber)
         self.stack[-1].children.append(node)
         self.stack.append(node)
+        self.parser.CharacterDataHandler = self.characters if short in _WITH_TEXT else None
 
     def end(self, _: str) -> None:
         self.stack.pop()
+        self.parser.CharacterDataHandler = self.characters if self.stack[-1].tag in _WITH_TEXT else None
 
     def characters(self, text: str) -> None:
-        if (node := self.stack[-1]).tag in _WITH_TEXT:
-            node.text += text
+        self.stack[-1].text += text
 
     def short(self, name: str) -> str:
         space, _, local = name.rpartition(" ")

@@ -134,10 +134,10 @@ class PlanStrokes(inkex.EffectExtension):
         for attribute in ("clip-path", "mask"):
             group.set(attribute, image.get(attribute))
         clip = self.add_clip(shown) if self.options.trim or shown != (0, 0, width, height) else None
-        background = drawing.xpath("./svg:rect[@id='background']")[:1] if self.options.background else []
-        for rect in background:
-            rect.update(width=str(width), height=str(height))
-            rect.set("inkscape:label", "background")
+        background = []
+        for used in drawing.xpath("./svg:use[@id='background']")[:1] if self.options.background else []:
+            background = [inkex.Rectangle(width=str(width), height=str(height), fill=used.get("fill"))]
+            background[0].set("inkscape:label", "background")
         for part in [*background, *drawing.xpath("./svg:g[@inkscape:groupmode='layer']")]:
             part.set("id", self.new_id("strokes"))
             part.set("transform", str(fitted) or None)

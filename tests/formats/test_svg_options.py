@@ -88,7 +88,7 @@ def test_document_is_valid_svg(options: ExportOptions, small_plan: StrokePlan) -
 def test_a_page_has_its_millimetres_and_the_canvas_in_its_middle(small_plan: StrokePlan) -> None:
     root = parse(encode(small_plan, A4))
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("297mm", "210mm", "0 0 297 210")
-    x, y, width, height = (float(root.find(f"{{{SVG}}}rect").get(key)) for key in ("x", "y", "width", "height"))
+    x, y, width, height = (float(root.find(f".//{{{SVG}}}rect").get(key)) for key in ("x", "y", "width", "height"))
     assert (x, width) == (10, 277)
     assert height == pytest.approx(277 * small_plan.height / small_plan.width)
     assert y == pytest.approx((210 - height) / 2)

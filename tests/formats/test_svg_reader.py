@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import gzip
 import io
+import itertools
 import json
-import shutil
+import re
 import subprocess
 import warnings
 from dataclasses import replace
@@ -18,20 +19,19 @@ import numpy as np
 import pytest
 import svgelements
 from conftest import need_program
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 from plans import TINY, plans
 
 import strokeplan
-from strokeplan import StrokePlan
+from strokeplan import ExportOptions, StrokePlan
 from strokeplan.errors import FormatError, StrokeplanWarning
 from strokeplan.formats import svg_reader, svg_xml
 from strokeplan.formats.svg import _NOT_XML, encode
 from strokeplan.formats.svg_path import subpaths
 from strokeplan.formats.svg_reader import decode
-from strokeplan.outlines import outline_curves
 from strokeplan.rendering import render
 from strokeplan.strokes import Layer, Source, rgb_to_hex
 
@@ -73,7 +73,7 @@ def names(plan: StrokePlan) -> list[tuple[str, int]]:
 def document(plan: StrokePlan) -> bytes:
     """A plan as SVG by the letter of the contract, with all that it may carry; absolute coordinates, exact."""
 
-    def path(i: int, cap: str) -> str:
+    def path(i: int) -> str:
         def data(chain: NDArray[np.float64]) -> str:
             first, *rest = (f"{x!r} {y!r}" for x, y in chain.tolist())
             return f"M{first}C{' '.join(rest)}"
@@ -87,10 +87,7 @@ def document(plan: StrokePlan) -> bytes:
             return f'<path stroke="{color}" stroke-width="{width!r}"{own} d="{data(chain)}"/>'
         if plan.has_pressure[i]:
             own += f' s:pressure="{" ".join(map(repr, plan.pressures[first:last].tolist()))}"'
-        tolerance = 1e-4 * max(plan.width, plan.height)
-        shown = outline_curves(chain, plan.radii(i), tolerance, round_caps=cap == "round")
-        shown = shown if len(shown) else np.repeat(chain[:1], 4, axis=0)
-        return f'<path fill="{color}" s:width="{width!r}"{own} s:d="{data(chain)}" d="{data(shown)}z"/>'
+        return f'<path fill="{color}" s:width="{width!r}"{own} s:d="{data(chain)}" d="{data(chain)}z"/>'
 
     settings = _NOT_XML.sub(lambda bad: f"\\u{ord(bad[0]):04x}", json.dumps(plan.settings, ensure_ascii=False))
     settings = settings.replace("&", "&amp;").replace("<", "&lt;").replace("\r", "&#13;")
@@ -102,7 +99,7 @@ def document(plan: StrokePlan) -> bytes:
     inside += f'</metadata><rect id="background" width="100%" height="100%" fill="{rgb_to_hex(plan.background)}"/>'
     for layer in plan.layers:
         head = f'inkscape:groupmode="layer" inkscape:label={attribute(layer.name)} s:medium="{layer.medium}"'
-        strokes = "".join(path(i, layer.cap) for i in range(layer.first, layer.last))
+        strokes = "".join(path(i) for i in range(layer.first, layer.last))
         inside += f'<g {head} fill="none" stroke-linecap="{layer.cap}">{strokes}</g>'
     size = f'width="{plan.width!r}" height="{plan.height!r}"'
     return svg(inside, f'{size} viewBox="0 0 {plan.width!r} {plan.height!r}"')
@@ -144,14 +141,6 @@ def test_all_that_our_files_carry_is_read_back(plan: StrokePlan) -> None:
     assert_read_back(decode(document(plan)), cleaned(plan), step)
 
 
-@given(plans())
-def test_what_the_writer_writes_is_read_back(plan: StrokePlan) -> None:
-    plain = tuple(replace(layer, name=layer.name or "-", medium="paint") for layer in plan.layers)
-    plan = cleaned(replace(plan, layers=plain, source=None, pressures=None, angles=None, pens=None))
-    step = 10.0 ** -max(2, 5 - ceil(log10(max(plan.width, plan.height))))
-    assert_read_back(decode(encode(plan)), plan, step, 1e-8)
-
-
 def test_reading_back_is_compared_in_every_field() -> None:
     other = {"points": TINY.points + 0.1, "widths": TINY.widths * 2, "background": (0, 0, 0), "pens": None}
     for name, value in other.items():
@@ -175,15 +164,15 @@ MOVES = {
     "scaled": (1.5, 0, 0, 1.5, -2, 1),
     "stretched": (1.5, 0, 0, 0.8, 0, 0),
     "mirrored": (-1, 0, 0, 1, 20, 0),
+    "skewed after a turn": (0.9, 0.6, -0.2, 0.8, 2, 1),
 }
 
 
 @pytest.mark.parametrize("move", MOVES)
 def test_a_brush_stroke_follows_its_outline(move: str) -> None:
     """A drawing program rewrites `d` and leaves what it does not know."""
-    before = document(TINY).decode()
-    start = before.index("s:pressure")
-    at = before.index(' d="', start) + 4
+    before = encode(TINY).decode()
+    at = before.index(' d="', before.index("<path fill=")) + 4
     (shown,) = subpaths(before[at : before.index('"', at)])
     a, b, c, d, e, f = MOVES[move]
     x, y = np.array(shown).reshape(-1, 2).T
@@ -191,49 +180,71 @@ def test_a_brush_stroke_follows_its_outline(move: str) -> None:
     data = f"M{points[0][0]},{points[0][1]} C" + " ".join(f"{x},{y}" for x, y in points[1:].tolist())
     after = decode((before[:at] + data + before[before.index('"', at) :]).encode())
     x, y = TINY.stroke(2).T
-    np.testing.assert_allclose(after.stroke(2), np.stack([a * x + c * y + e, b * x + d * y + f], axis=1), atol=0.03)
-    np.testing.assert_allclose(after.widths[2], TINY.widths[2] * abs(a * d - b * c) ** 0.5, rtol=0.03)
+    np.testing.assert_allclose(after.stroke(2), np.stack([a * x + c * y + e, b * x + d * y + f], axis=1), atol=0.01)
+    np.testing.assert_allclose(after.widths[2], TINY.widths[2] * abs(a * d - b * c) ** 0.5, rtol=0.003)
     np.testing.assert_array_equal(after.points[:11], TINY.points[:11])
 
 
 def test_a_brush_stroke_whose_outline_is_another_is_kept_as_that() -> None:
-    text = document(TINY).decode()
-    at = text.index(' d="', text.index("s:pressure")) + 4
+    text = encode(TINY).decode()
+    at = text.index(' d="', text.index("<path fill=")) + 4
     data = text[at : text.index('"', at)]
-    with pytest.warns(StrokeplanWarning, match=r"brush stroke of another shape kept as its outline \(1\)"):
-        plan = decode(text.replace(data, "M0 0L20 0L0 10z").encode())
-    assert plan.pressures is None
-    assert plan.stroke(2)[0].tolist() == plan.stroke(2)[-1].tolist() == [0, 0]
+    dragged = data.replace("c.553-.232 1.131-.401 1.714-.539 .951", "c.553-.232 1.131-.401 1.714-.439 .951")
+    for other in ("M0 0L20 0L0 10z", data + data, dragged):
+        with pytest.warns(StrokeplanWarning, match=r"brush stroke of another shape kept as its outline \(1\)"):
+            plan = decode(text.replace(data, other).encode())
+        assert plan.pressures is None
+        assert plan.stroke(2)[0].tolist() == plan.stroke(2)[-1].tolist()
 
 
-def test_inkscape_s_edits_are_read(tmp_path: Path) -> None:
-    """For real: one stroke deleted, one moved, one recoloured and grouped, one turned, and saved as plain SVG."""
-    if shutil.which("inkscape") is None:
-        pytest.skip("inkscape is not installed")
-    paths = "".join(
-        f'<path id="p{i}" stroke="#00{i}000" stroke-width="2" d="M{9 * i} 5c5 0 1 9 8 9"/>' for i in range(4)
-    )
-    layer = f'<g id="layer1" inkscape:groupmode="layer" inkscape:label="wide" fill="none" s:medium="ink">{paths}</g>'
-    brush = document(TINY).decode().partition("<path fill=")[2].partition("/>")[0]
-    layer += f'<g inkscape:groupmode="layer" inkscape:label="fine"><path id="brush" fill={brush}/></g>'
-    (tmp_path / "a.svg").write_bytes(svg(layer, 'width="100" height="50" viewBox="0 0 100 50"'))
-    actions = (
-        "select-by-id:p0;delete;select-clear;select-by-id:p1;transform-translate:10,5;select-clear;"
-        "select-by-id:p2;object-set-property:stroke,#ff00ff;selection-group;select-clear;"
-        "select-by-id:brush;transform-rotate:90;select-clear"
-    )
-    for plain in ([], ["--export-plain-svg"]):
-        save = ["--export-type=svg", *plain, f"--export-filename={tmp_path / 'b.svg'}", f"--actions={actions}"]
-        subprocess.run(["inkscape", tmp_path / "a.svg", *save], check=True, capture_output=True, timeout=100)
-        plan = strokeplan.load(tmp_path / "b.svg")
-        assert len(plan) == 4
-        np.testing.assert_allclose(plan.stroke(0), [(19, 10), (24, 10), (20, 19), (27, 19)], atol=1e-4)
-        assert [255, 0, 255] in plan.colors.tolist()
-        assert plan.layers[0].medium == "ink"
-        assert [layer.name for layer in plan.layers] == ["wide", "fine"] or plain
-        assert plan.has_pressure.tolist() == [False, False, False, True]
-        old, new = TINY.stroke(2), plan.stroke(3)
-        assert abs(np.ptp(new, axis=0) - np.ptp(old, axis=0)[::-1]).max() < 0.1
+EDITS = (
+    "select-by-id:p0;delete;select-clear;"
+    "select-by-id:p1;transform-translate:10,5;select-clear;"
+    "select-by-id:p2;object-set-property:stroke,#ff00ff;selection-group;select-clear;"
+    "select-by-id:p3;transform-scale:30;select-clear;"
+    "select-by-id:brush0;transform-rotate:90;select-clear;"
+    "select-by-id:brush1;transform-translate:-7,3;select-clear;"
+    "select-by-id:layer1;object-set-attribute:inkscape:label,renamed;select-clear"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [ExportOptions(), ExportOptions(units="mm"), ExportOptions(classes=True)], ids=str)
+@pytest.mark.parametrize("plain", [[], ["--export-plain-svg"]], ids=["inkscape", "plain"])
+def test_inkscape_s_edits_are_read(
+    plain: list[str], options: ExportOptions, small_plan: StrokePlan, tmp_path: Path
+) -> None:
+    """For real: a stroke deleted, one moved, one recoloured and grouped, one scaled, brush strokes turned and moved."""
+    first = small_plan.layers[0].last
+    pressures = np.where(np.arange(small_plan.first_knots[-1]) < small_plan.first_knots[first], np.nan, 0.7)
+    plan = replace(small_plan, pressures=pressures)
+    running = itertools.count()
+    data = re.sub(rb"\n<path ", lambda _: b'\n<path id="p%d" ' % next(running), encode(plan, options))
+    actions = EDITS.replace("brush0", f"p{first}").replace("brush1", f"p{first + 1}")
+    (tmp_path / "a.svg").write_bytes(data)
+    before = strokeplan.load(tmp_path / "a.svg")
+    save = ["--export-type=svg", *plain, f"--export-filename={tmp_path / 'b.svg'}", f"--actions={actions}"]
+    subprocess.run([need_program("inkscape"), tmp_path / "a.svg", *save], check=True, capture_output=True, timeout=100)
+    after = strokeplan.load(tmp_path / "b.svg")
+    unit = 25.4 / 96 if options.units == "mm" else 1.0
+    assert len(after) == len(before) - 1
+    assert [layer.last - layer.first for layer in after.layers][1:] == [
+        layer.last - layer.first for layer in before.layers
+    ][1:]
+    assert [layer.name for layer in after.layers][1:] == [layer.name for layer in before.layers][1:]
+    assert after.layers[0].name == (before.layers[0].name if plain else "renamed")
+    assert (after.settings, after.source, after.background) == (before.settings, before.source, before.background)
+    slack = 2e-4 * max(before.width, before.height)
+    np.testing.assert_allclose(after.stroke(0), before.stroke(1) + np.array([10 * unit, 5 * unit]), atol=slack)
+    assert [255, 0, 255] in after.colors[: first - 1].tolist()
+    assert after.widths[: first - 1].max() > before.widths[:first].max()
+    turned, old = after.stroke(first - 1), before.stroke(first)
+    np.testing.assert_allclose(np.ptp(turned, axis=0), np.ptp(old, axis=0)[::-1], atol=slack)
+    shift = np.array([-7 * unit, 3 * unit])
+    np.testing.assert_allclose(after.stroke(first), before.stroke(first + 1) + shift, atol=slack)
+    np.testing.assert_allclose(after.points[after.starts[first + 1] :], before.points[before.starts[first + 2] :],
+                               atol=slack)  # fmt: skip
+    np.testing.assert_array_equal(after.has_pressure[first - 1 :], True)
 
 
 # Everybody else's
@@ -288,6 +299,8 @@ def _commands() -> st.SearchStrategy[str]:
 
 @given(_commands())
 def test_paths_are_as_long_as_svgelements_finds_them(data: str) -> None:
+    # After a curve of the other kind SVG has a smooth one begin at its point; svgelements mirrors even there.
+    assume(not re.search("[csCS][^a-zA-Z]*[tT]|[qtQT][^a-zA-Z]*[sS]", data))
     theirs = svgelements.Path(data)
     assert length(subpaths(data)) == pytest.approx(theirs.length(error=1e-5), rel=2e-3, abs=1e-3)
 
