@@ -8,18 +8,27 @@ from typing import Annotated
 import typer
 
 from strokeplan.cli.console import echo_written, file_line
+from strokeplan.cli.machines import export_machine, plot_options
 from strokeplan.cli.options import (
     ClassesOption,
     ClipOption,
+    DateOption,
     ExportsOption,
     GroupBy,
     GroupOption,
+    KeepOrderOption,
     LandscapeOption,
     MarginOption,
+    MirrorOption,
     OutlineOption,
     PageOption,
+    PenFilesOption,
     PlanArgument,
     PrecisionOption,
+    ProfileOption,
+    RotateOption,
+    ScaleOption,
+    SlotsOption,
     UnitsOption,
 )
 
@@ -52,11 +61,44 @@ def export(
     classes: ClassesOption = False,
     outline: OutlineOption = False,
     clip: ClipOption = False,
+    profile: ProfileOption = None,
+    rotate: RotateOption = 0,
+    mirror: MirrorOption = False,
+    scale: ScaleOption = None,
+    keep_order: KeepOrderOption = False,
+    pen: SlotsOption = None,
+    file_per_pen: PenFilesOption = False,
+    date: DateOption = None,
 ) -> None:
-    """Write a strokes file in other formats; an option must be one that every output knows."""
+    """Write a strokes file in other formats, or for a machine; an option must be one that every output knows."""
     from strokeplan import formats
+    from strokeplan.errors import InputError
     from strokeplan.formats.options import ExportOptions
     from strokeplan.page import parse_page
+
+    if profile is not None:
+        for name, given in (("units", units), ("precision", precision), ("classes", classes), ("outline", outline)):
+            if given:
+                raise InputError(f"a file for a machine has no option {name}; leave out --{name}")
+        plot = plot_options(
+            page,
+            margin,
+            landscape=landscape,
+            rotate=rotate,
+            mirror=mirror,
+            scale=scale,
+            clip=clip,
+            by_colour=group_by is GroupBy.colour,
+            keep_order=keep_order,
+            slots=pen,
+        )
+        export_machine(plan, output, profile, plot, by_pen=file_per_pen, date=date)
+        echo_written(*output)
+        return
+    if rotate or mirror or scale is not None or keep_order or pen or file_per_pen or date is not None:
+        raise InputError(
+            "rotate, mirror, scale, keep-order, pen, file-per-pen and date are for machines: give --profile"
+        )
 
     options = ExportOptions(
         precision=precision,

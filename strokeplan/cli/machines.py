@@ -1,0 +1,68 @@
+"""What `export` and `info` do for a machine: parse, call, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from strokeplan.plotter.program import PlotOptions
+
+
+def plot_options(
+    page: str | None,
+    margin: str | None,
+    *,
+    landscape: bool = False,
+    rotate: int = 0,
+    mirror: bool = False,
+    scale: float | None = None,
+    clip: bool = False,
+    by_colour: bool = False,
+    keep_order: bool = False,
+    slots: Sequence[str] | None = None,
+) -> PlotOptions:
+    """The options of a program, as the command line gives them."""
+    from strokeplan.page import parse_page
+    from strokeplan.plotter.layout import LayoutOptions
+    from strokeplan.plotter.program import PlotOptions
+
+    layout = LayoutOptions(parse_page(page, margin, landscape=landscape), rotate, mirror, scale, clip)
+    return PlotOptions(layout, by_colour, keep_order, tuple(_slot(text) for text in slots or ()))
+
+
+def _slot(text: str) -> tuple[str, int]:
+    from strokeplan.errors import PlotError
+
+    name, _, slot = text.rpartition("=")
+    if not name or not slot.isdecimal() or not 1 <= int(slot) <= 99:
+        raise PlotError(f"pen {text!r} is not NAME=SLOT; try black=1")
+    return name, int(slot)
+
+
+def export_machine(
+    plan: Path, output: Sequence[Path], profile: str, options: PlotOptions, *, by_pen: bool, date: str | None
+) -> None:
+    """Write files for a machine, all or none, and say what it will do."""
+    from strokeplan import formats
+    from strokeplan.files import check_writable
+    from strokeplan.plotter.estimate import estimate
+    from strokeplan.plotter.files import check_suffix, outputs, parse_date
+    from strokeplan.plotter.profile import load_profile
+    from strokeplan.plotter.program import program
+
+    machine, day = load_profile(profile), parse_date(date)
+    for path in output:
+        check_suffix(path, machine)
+        check_writable(path)
+    job = program(formats.load(plan), machine, options)
+    files = [file for path in output for file in outputs(job, path, by_pen=by_pen, date=day)]
+    for path, _ in files:
+        check_writable(path)
+    for path, data in files:
+        formats.write(path, data)
+    rows = [("page", job.transform.describe()), *estimate(job).rows()]
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in rows))
