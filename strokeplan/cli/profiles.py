@@ -20,10 +20,14 @@ app = typer.Typer(
 @app.callback()
 def listing(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
+        from strokeplan.errors import ProfileError
         from strokeplan.plotter.profile import load_profile, names
 
         for name in names():
-            typer.echo(f"{name:<17} {load_profile(name).description}")
+            try:
+                typer.echo(f"{name:<17} {load_profile(name).description}")
+            except ProfileError as error:  # one of the user's; the others are still there
+                typer.echo(f"{name:<17} broken: {error}")
 
 
 @app.command()
@@ -58,7 +62,8 @@ def new(
 
 def _summary(profile: Profile) -> str:
     machine, speeds = profile.machine, profile.speeds
+    across, along = machine.x_mm[1] - machine.x_mm[0], machine.y_mm[1] - machine.y_mm[0]
     return (
-        f"{profile.description}; travel {machine.x_mm[1] - machine.x_mm[0]:g} × {machine.y_mm[1] - machine.y_mm[0]:g} mm, "
+        f"{profile.description}; travel {across:g} × {along:g} mm, "
         f"drawing at {speeds.draw_mm_min:g}, travelling at {speeds.travel_mm_min:g} mm/min"
     )

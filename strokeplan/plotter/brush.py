@@ -4,8 +4,8 @@ Height follows width: the tip touches at one height and makes its widest line at
 along the beginning of a line and lifts off along its end. The brush is dipped when it has painted as far as one dip
 lasts, counted across strokes and by the paint left in it; a change of paint washes and wipes it first.
 
-Known limits: a line longer than a dip lasts is painted to its end, and the brush filled after it; the width of a brush is taken to be
-linear in its height, which is what the calibration of two heights gives.
+Known limits: a line longer than a dip lasts is painted to its end, and the brush filled after it; the width of a
+brush is taken to be linear in its height, which is what the calibration of two heights gives.
 """
 
 from __future__ import annotations
