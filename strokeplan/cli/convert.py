@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from strokeplan.cli.console import echo_written, file_line
-from strokeplan.cli.machines import export_machine, plot_options
+from strokeplan.cli.machines import export_machine, machine_rows, plot_options
 from strokeplan.cli.options import (
     ClassesOption,
     ClipOption,
@@ -116,9 +116,26 @@ def export(
     echo_written(*output)
 
 
-def info(plan: PlanArgument) -> None:
-    """Say what is in a strokes file."""
+def info(
+    plan: PlanArgument,
+    profile: ProfileOption = None,
+    page: PageOption = None,
+    landscape: LandscapeOption = False,
+    margin: MarginOption = None,
+    group_by: GroupOption = GroupBy.layer,
+    keep_order: KeepOrderOption = False,
+) -> None:
+    """Say what is in a strokes file, and what a machine would make of it: how long, how far, how many lifts."""
     from strokeplan import formats
+    from strokeplan.errors import InputError
     from strokeplan.strokes import describe
 
-    typer.echo("\n".join(f"{name:<11} {value}" for name, value in describe(formats.load(plan))))
+    if profile is None and (page is not None or margin is not None or landscape or keep_order):
+        raise InputError("page, margin, landscape and keep-order are for machines: give --profile")
+    loaded = formats.load(plan)
+    rows = describe(loaded)
+    if profile is not None:
+        by_colour = group_by is GroupBy.colour
+        options = plot_options(page, margin, landscape=landscape, by_colour=by_colour, keep_order=keep_order)
+        rows += machine_rows(loaded, profile, options)
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in rows))

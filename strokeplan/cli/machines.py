@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from strokeplan.plotter.program import PlotOptions
+    from strokeplan.plotter.program import PlotOptions, Program
+    from strokeplan.strokes import StrokePlan
 
 
 def plot_options(
@@ -49,7 +50,6 @@ def export_machine(
     """Write files for a machine, all or none, and say what it will do."""
     from strokeplan import formats
     from strokeplan.files import check_writable
-    from strokeplan.plotter.estimate import estimate
     from strokeplan.plotter.files import check_suffix, outputs, parse_date
     from strokeplan.plotter.profile import load_profile
     from strokeplan.plotter.program import program
@@ -64,5 +64,18 @@ def export_machine(
         check_writable(path)
     for path, data in files:
         formats.write(path, data)
-    rows = [("page", job.transform.describe()), *estimate(job).rows()]
-    typer.echo("\n".join(f"{name:<11} {value}" for name, value in rows))
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in _rows(job)))
+
+
+def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[tuple[str, str]]:
+    """What the machine of a profile would do with a plan, as (name, text)."""
+    from strokeplan.plotter.profile import load_profile
+    from strokeplan.plotter.program import program
+
+    return _rows(program(plan, load_profile(profile), options))
+
+
+def _rows(job: Program) -> list[tuple[str, str]]:
+    from strokeplan.plotter.estimate import estimate
+
+    return [("machine", job.profile.description), ("page", job.transform.describe()), *estimate(job).rows()]

@@ -58,16 +58,17 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
     yield f"SC,11,{tool.raise_rate}"
     yield f"SC,12,{tool.lower_rate}"
     yield f"SP,1,{round(raise_s * 1000)}"
-    stroke, is_down, moves = _slices(program, dialect)
-    drawing, before = False, -1
-    for line, pen, (ms, a, b) in zip(stroke.tolist(), is_down.tolist(), moves.tolist(), strict=True):
-        if drawing and (not pen or line != before):
-            yield f"SP,1,{round(raise_s * 1000)}"
-        if pen and not (drawing and line == before):
-            yield f"SP,0,{round(lower_s * 1000)}"
-        drawing, before = pen, line
-        yield f"XM,{ms},{a},{b}"
-    yield "SP,1,0"
+    lines = range(len(program) + 1)
+    stroke, drawn, moves = _slices(program, dialect)
+    commands = [f"XM,{ms},{a},{b}" for ms, a, b in moves.tolist()]
+    begins = np.searchsorted(stroke, lines).tolist()
+    downs = (begins + np.bincount(stroke[~drawn], minlength=len(lines))).tolist()
+    for j in lines[:-1]:
+        yield from commands[begins[j] : downs[j]]
+        yield f"SP,0,{round(lower_s * 1000)}"
+        yield from commands[downs[j] : begins[j + 1]]  # none for a dot
+        yield f"SP,1,{round(raise_s * 1000)}"
+    yield from commands[begins[-1] :]
     yield "EM,0,0"
 
 
@@ -82,6 +83,8 @@ def _slices(program: Program, dialect: Ebb) -> tuple[NDArray[np.int64], NDArray[
     starts = np.concatenate([starts, [len(points)]])
     feeds = np.concatenate([program.feeds, [program.profile.speeds.travel_mm_min]])
     moved = motion.plan(points, starts, limits(program.profile), feeds)
+    if not len(moved.duration):  # a dot where the pen is
+        return moved.stroke, moved.down, np.empty((0, 3), np.int64)
     cuts = np.maximum(np.ceil(moved.duration * 1000 / dialect.slice_ms), 1).astype(np.int64)
     block = np.repeat(np.arange(len(cuts)), cuts)
     part = (np.arange(len(block)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 1) / cuts[block]

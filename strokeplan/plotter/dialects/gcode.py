@@ -23,6 +23,9 @@ from strokeplan.plotter.tools import AngleServo, Brush, PwmServo, ZPen
 
 DECIMALS = 3
 RESOLUTION_MM = 10.0**-DECIMALS
+ARC_MARGIN = 0.6
+"""The part of the tolerance that arcs are made with: they are measured at some points only, and where a cubic is wild
+stray by up to half more between them."""
 MIN_CHORD_MM = 0.02
 """An arc of a shorter chord is a line: rounding would decide its centre."""
 MAX_RADIUS_MM = 5_000.0
@@ -143,7 +146,7 @@ class _Writer:
         chain = self.program.line(j)
         yield f"X{number(chain[0, 0])} Y{number(chain[0, 1])}"
         if self.dialect.curves == "arcs":
-            yield from arc_moves(biarcs(chain, self.program.profile.tolerance_mm))
+            yield from arc_moves(biarcs(chain, ARC_MARGIN * self.program.profile.tolerance_mm))
         elif self.dialect.curves == "cubics":
             yield from cubic_moves(chain.tolist())
         else:
