@@ -92,8 +92,7 @@ def export(
             keep_order=keep_order,
             slots=pen,
         )
-        export_machine(plan, output, profile, plot, by_pen=file_per_pen, date=date)
-        echo_written(*output)
+        echo_written(*export_machine(plan, output, profile, plot, by_pen=file_per_pen, date=date))
         return
     if rotate or mirror or scale is not None or keep_order or pen or file_per_pen or date is not None:
         raise InputError(

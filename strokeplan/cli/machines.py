@@ -46,8 +46,8 @@ def _slot(text: str) -> tuple[str, int]:
 
 def export_machine(
     plan: Path, output: Sequence[Path], profile: str, options: PlotOptions, *, by_pen: bool, date: str | None
-) -> None:
-    """Write files for a machine, all or none, and say what it will do."""
+) -> list[Path]:
+    """Write files for a machine, all or none, and say what it will do; what was written."""
     from strokeplan import formats
     from strokeplan.files import check_writable
     from strokeplan.plotter.files import check_suffix, outputs, parse_date
@@ -65,6 +65,7 @@ def export_machine(
     for path, data in files:
         formats.write(path, data)
     typer.echo("\n".join(f"{name:<11} {value}" for name, value in _rows(job)))
+    return [path for path, _ in files]
 
 
 def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[tuple[str, str]]:
