@@ -124,5 +124,5 @@ def test_profiles_are_listed_shown_checked_and_begun(tmp_path: Path) -> None:
     file = tmp_path / "config" / "strokeplan" / "profiles" / "mine.toml"
     file.write_text(file.read_text().replace("draw_mm_min", "draw_speed"))
     assert "mine              broken: profile mine: speeds" in run("profiles")
-    with pytest.raises(StrokeplanError, match="unknown field `draw_speed`|missing required field"):
+    with pytest.raises(StrokeplanError, match=r"unknown field `draw_speed`|missing required field"):
         run("profiles", "check", file)

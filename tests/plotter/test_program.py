@@ -172,7 +172,7 @@ def test_what_cannot_be_plotted_is_refused(
 
 def test_options_that_are_none_are_refused() -> None:
     for wrong in ({"rotate": 45}, {"scale": float("nan")}, {"scale": 0.0}):
-        with pytest.raises(PlotError, match="rotate|scale"):
+        with pytest.raises(PlotError, match=r"rotate|scale"):
             LayoutOptions(**wrong)  # type: ignore[arg-type]
 
 
