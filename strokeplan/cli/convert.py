@@ -30,6 +30,7 @@ from strokeplan.cli.options import (
     ScaleOption,
     SlotsOption,
     UnitsOption,
+    WithinOption,
 )
 
 
@@ -65,6 +66,7 @@ def export(
     rotate: RotateOption = 0,
     mirror: MirrorOption = False,
     scale: ScaleOption = None,
+    within: WithinOption = None,
     keep_order: KeepOrderOption = False,
     pen: SlotsOption = None,
     file_per_pen: PenFilesOption = False,
@@ -88,15 +90,16 @@ def export(
             mirror=mirror,
             scale=scale,
             clip=clip,
+            within=within,
             by_colour=group_by is GroupBy.colour,
             keep_order=keep_order,
             slots=pen,
         )
         echo_written(*export_machine(plan, output, profile, plot, by_pen=file_per_pen, date=date))
         return
-    if rotate or mirror or scale is not None or keep_order or pen or file_per_pen or date is not None:
+    if rotate or mirror or keep_order or pen or file_per_pen or any(x is not None for x in (scale, within, date)):
         raise InputError(
-            "rotate, mirror, scale, keep-order, pen, file-per-pen and date are for machines: give --profile"
+            "rotate, mirror, scale, within, keep-order, pen, file-per-pen and date are for machines: give --profile"
         )
 
     options = ExportOptions(

@@ -22,16 +22,18 @@ def plot_options(
     mirror: bool = False,
     scale: float | None = None,
     clip: bool = False,
+    within: Path | None = None,
     by_colour: bool = False,
     keep_order: bool = False,
     slots: Sequence[str] | None = None,
 ) -> PlotOptions:
     """The options of a program, as the command line gives them."""
     from strokeplan.page import parse_page
-    from strokeplan.plotter.layout import LayoutOptions
+    from strokeplan.plotter.layout import LayoutOptions, read_area
     from strokeplan.plotter.program import PlotOptions
 
-    layout = LayoutOptions(parse_page(page, margin, landscape=landscape), rotate, mirror, scale, clip)
+    sheet = parse_page(page, margin, landscape=landscape)
+    layout = LayoutOptions(sheet, rotate, mirror, scale, clip, None if within is None else read_area(within))
     return PlotOptions(layout, by_colour, keep_order, tuple(_slot(text) for text in slots or ()))
 
 

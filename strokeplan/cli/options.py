@@ -127,6 +127,9 @@ MirrorOption = Annotated[bool, typer.Option("--mirror", help="Exchange left and 
 ScaleOption = Annotated[
     float | None, typer.Option("--scale", help="Of the true size, for plans that have one; else as large as fits.")
 ]
+WithinOption = Annotated[
+    Path | None, typer.Option("--within", metavar="SVG", help="Cut to the closed shapes of an SVG, in mm of the page.")
+]
 KeepOrderOption = Annotated[bool, typer.Option("--keep-order", help="Draw strokes as they come: paint that is wet.")]
 SlotsOption = Annotated[
     list[str] | None, typer.Option("--pen", metavar="NAME=SLOT", help="Where a pen is in the machine; may be repeated.")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any
@@ -10,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.curves import flatten_all
-from strokeplan.errors import MissingExtraError, PlotError
+from strokeplan.errors import MissingExtraError, PlotError, StrokeplanWarning
 from strokeplan.page import Page, Placement
 from strokeplan.strokes import Layer, StrokePlan
 
@@ -24,6 +26,7 @@ class LayoutOptions:
     mirror   left and right exchanged (a print's plate, a drawing seen from behind).
     scale    of the true size; None: true size without a page of its own, else as large as fits.
     clip     cut at the edge of the canvas and at the page's margin.
+    within   cut to this area of the page (a shapely polygon in mm, as `read_area` gives it).
     """
 
     page: Page | None = None
@@ -31,6 +34,7 @@ class LayoutOptions:
     mirror: bool = False
     scale: float | None = None
     clip: bool = False
+    within: Any = None
 
     def __post_init__(self) -> None:
         if self.rotate not in (0, 90, 180, 270):
@@ -62,6 +66,8 @@ def lay_out(plan: StrokePlan, options: LayoutOptions, tolerance_mm: float) -> tu
     if options.clip:
         corner = (place.x, place.y, place.x + moved.width * place.scale, place.y + moved.height * place.scale)
         laid = clip(laid, _box(corner, page), tolerance_mm)
+    if options.within is not None:
+        laid = clip(laid, options.within, tolerance_mm)
     return laid, page
 
 
@@ -150,7 +156,7 @@ def straight(line: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rebuilt(plan: StrokePlan, chains: list[NDArray[np.float64]], kept: NDArray[np.int64]) -> StrokePlan:
-    """The plan with kept[i] of the chains in the place of stroke i; what varied along a stroke does so no more."""
+    """The plan with kept[i] of the chains in the place of stroke i. Pieces have their stroke's mean pressure."""
     source = np.repeat(np.arange(len(plan)), kept)
     ends = np.concatenate([[0], np.cumsum(kept)])
     layers = tuple(replace(layer, first=int(ends[layer.first]), last=int(ends[layer.last])) for layer in plan.layers)
@@ -161,7 +167,43 @@ def _rebuilt(plan: StrokePlan, chains: list[NDArray[np.float64]], kept: NDArray[
         widths=plan.widths[source],
         colors=plan.colors[source],
         layers=tuple(Layer(k.name, k.first, k.last, k.medium, k.cap) for k in layers),
-        pressures=None,
+        pressures=None if plan.pressures is None else _pressures(plan, plan.pressures, chains, source),
         angles=None,
         pens=None if plan.pens is None else tuple(plan.pens[i] for i in source.tolist()),
     )
+
+
+def _pressures(
+    plan: StrokePlan, values: NDArray[np.float64], chains: list[NDArray[np.float64]], source: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """What each chain has of its stroke's pressure: all of it if it is as long, else the mean."""
+    columns = []
+    for chain, i in zip(chains, source.tolist(), strict=True):
+        own = values[plan.first_knots[i] : plan.first_knots[i + 1]]
+        whole = len(chain) == plan.counts[i] and bool(np.all(chain == plan.stroke(i)))
+        columns.append(own if whole else np.full(len(chain) // 3 + 1, own.mean()))
+    return np.concatenate(columns)
+
+
+def read_area(path: str | os.PathLike[str], tolerance_mm: float = 0.05) -> Any:
+    """The area within the closed shapes of an SVG in its true size, from the page's upper left corner.
+
+    Raises PlotError for a file without a size in mm, or without a closed shape.
+    """
+    from strokeplan.formats import load
+
+    shapely = require_shapely()
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", StrokeplanWarning
+        )  # that a filled shape is none of strokes: here it is asked for
+        plan = load(path)
+    own = _true_size(plan)
+    if own is None:
+        raise PlotError(f"{path}: has no size in millimetres; give its root a width and a height in mm")
+    vertices, begins = flatten_all(plan.points * (own[0] / plan.width), plan.starts, tolerance_mm)
+    rings = [vertices[a:b] for a, b in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True)]
+    closed = [ring for ring in rings if len(ring) > 3 and np.hypot(*(ring[0] - ring[-1])) <= tolerance_mm]
+    if not closed:
+        raise PlotError(f"{path}: has no closed shape to cut to")
+    return shapely.union_all([shapely.make_valid(shapely.polygons(ring)) for ring in closed])

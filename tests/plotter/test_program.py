@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from strokeplan.errors import InputError, PlotError
 from strokeplan.page import Page
 from strokeplan.plotter.estimate import clock, estimate
 from strokeplan.plotter.files import encode, outputs, parse_date
-from strokeplan.plotter.layout import LayoutOptions, lay_out
+from strokeplan.plotter.layout import LayoutOptions, lay_out, read_area
 from strokeplan.plotter.machine import page_transform
 from strokeplan.plotter.profile import Machine, Profile, load_profile
 from strokeplan.plotter.program import PlotOptions, program
@@ -100,6 +102,22 @@ def test_clipping_cuts_at_the_canvas_and_keeps_curves_within() -> None:
     assert bounds(laid)[::2] == pytest.approx([0, 100], abs=0.01)
     with pytest.raises(PlotError, match="nothing of the drawing"):
         lay_out(drawing([curve(-9, -9, -8, -9, -7, -9, -6, -9)]), LayoutOptions(clip=True), 0.01)
+
+
+def test_within_a_shape(tmp_path: Path) -> None:
+    """A circle of 20 mm about (50, 40) leaves 40 mm of a line through its middle; pressure stays."""
+    svg = tmp_path / "disc.svg"
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="80mm" viewBox="0 0 200 160">'
+    svg.write_text(f'{head}<circle cx="100" cy="80" r="40"/></svg>')
+    long, short = curve(0, 40, 30, 40, 60, 40, 100, 40), curve(45, 45, 46, 45, 48, 45, 50, 45)
+    plan = drawing([long, short], pressures=np.array([0.2, 0.4, 0.5, 1.0]))
+    laid, _ = lay_out(plan, LayoutOptions(within=read_area(svg)), 0.01)
+    assert bounds(laid) == pytest.approx([30, 40, 70, 45], abs=0.06)
+    assert laid.pressures is not None
+    assert laid.pressures[[0, -2, -1]] == pytest.approx([0.3, 0.5, 1.0])
+    svg.write_text(f'{head}<path d="M0 0L50 50" stroke="#000"/></svg>')
+    with pytest.raises(PlotError, match="no closed shape"):
+        read_area(svg)
 
 
 def test_strokes_that_meet_are_one_line() -> None:
