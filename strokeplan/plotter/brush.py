@@ -42,15 +42,16 @@ def visits(program: Program) -> list[Visit]:
     lengths = np.add.reduceat(step, starts[:-1])
     wells = [_well(tool, pen.name, len(program.pens)) for pen in program.pens]
     stops: list[Visit] = []
-    left, loaded = 0.0, -1
-    for j, (pen, length) in enumerate(zip(program.pen.tolist(), lengths.tolist(), strict=True)):
-        if loaded not in (-1, pen):
+    left, loaded = 0.0, (-1, -1)
+    layers = program.layer.tolist() if tool.wash_layers else [0] * len(program)
+    for j, (pen, layer, length) in enumerate(zip(program.pen.tolist(), layers, lengths.tolist(), strict=True)):
+        if loaded not in ((-1, -1), (pen, layer)):
             stops += _cleaning(tool, j)
-        if loaded != pen or left <= 0 or (length > left and left < tool.refill_mm):
+        if loaded != (pen, layer) or left <= 0 or (length > left and left < tool.refill_mm):
             stops.append(Visit(j, "dip", wells[pen]))
             left = tool.refill_mm
         left -= length
-        loaded = pen
+        loaded = pen, layer
     return stops + _cleaning(tool, len(program))
 
 

@@ -101,6 +101,8 @@ class Brush(_Tool, frozen=True, kw_only=True, tag="brush"):
     paints: Annotated[tuple[Well, ...], Meta(max_length=99)] = ()
     water: Annotated[tuple[Well, ...], Meta(max_length=9)] = ()
     cloth: Well | None = None
+    wash_layers: bool = False
+    """Water before every layer, even of the same paint."""
 
     def __post_init__(self) -> None:
         sign = 1 if self.safe_mm > self.touch_mm else -1

@@ -16,6 +16,7 @@ from strokeplan.plotter.files import encode
 from strokeplan.plotter.profile import Profile, load_profile, parse, source
 from strokeplan.plotter.program import program
 from strokeplan.plotter.tools import Brush, Well
+from strokeplan.strokes import Layer
 
 ROBOT = load_profile("robot_brush")
 LINES = [BAR - (30, 10 * k) for k in range(6)]
@@ -80,6 +81,13 @@ def test_another_paint_washes_first() -> None:
     ]  # fmt: skip
     with pytest.raises(PlotError, match="no well has the paint of pen 'blue'"):
         visits(program(plan, brush(paints=paints[:1])))
+
+
+def test_water_before_every_layer_if_asked() -> None:
+    plan = drawing([BAR, EYE], layers=(Layer("wide", 0, 1), Layer("fine", 1, 2)))
+    for asked, washes in ((False, {2}), (True, {1, 2})):
+        stops = visits(program(plan, brush(wash_layers=asked)))
+        assert {stop.line for stop in stops if stop.kind == "wash"} == washes
 
 
 def test_paint_keeps_its_order() -> None:

@@ -22,6 +22,7 @@ from strokeplan.plotter.files import encode
 from strokeplan.plotter.layout import LayoutOptions
 from strokeplan.plotter.profile import Gcode, PenSettings, Profile, load_profile
 from strokeplan.plotter.program import PlotOptions, program
+from strokeplan.plotter.tools import AngleServo
 from strokeplan.strokes import StrokePlan
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -112,6 +113,17 @@ def test_marlin_lifts_by_z_and_waits_in_milliseconds() -> None:
     assert b"G4 P250\n" in data
     assert b"G1 Z1.5 F300\n" in data
     assert all(len(line) <= 96 for line in data.splitlines())
+
+
+def test_marlin_turns_a_servo_when_the_moves_are_done() -> None:
+    """M280 acts at once, while moves wait in the buffer: M400 before it, and time to turn after it."""
+    tool = AngleServo(index=1, up_deg=90, down_deg=40, lower_s=0.15, raise_s=0.1)
+    text = encode(program(drawing([BAR]), change(load_profile("ender3"), tool=tool))).decode()
+    body = [line for line in text.splitlines() if not line.startswith(";")]
+    down = body.index("M280 P1 S40")
+    assert body[down - 1 : down + 2] == ["M400", "M280 P1 S40", "G4 P150"]
+    assert body[down - 2].startswith("G0 X")
+    assert body[down + 3 : down + 6] == ["M400", "M280 P1 S90", "G4 P100"]
 
 
 def test_hpgl_draws_the_strokes() -> None:
