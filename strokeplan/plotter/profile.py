@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from strokeplan.errors import ProfileError
+from strokeplan.errors import InputError, ProfileError
 from strokeplan.files import atomic_write
 from strokeplan.page import Page, parse_page
 from strokeplan.plotter.dialects.words import Flavour, check_lines
@@ -130,7 +130,10 @@ class Paper(_Table, frozen=True, kw_only=True):
     """HP-GL's PS."""
 
     def __post_init__(self) -> None:
-        parse_page(self.page)
+        try:
+            parse_page(self.page)
+        except InputError as error:
+            raise ValueError(str(error)) from None
 
     @property
     def sheet(self) -> Page:
@@ -266,7 +269,7 @@ def parse(data: bytes, where: str, name: str) -> Profile:
     raw.setdefault("name", name)
     try:
         return msgspec.convert(raw, Profile)
-    except (msgspec.ValidationError, ProfileError) as error:
+    except msgspec.ValidationError as error:
         raise ProfileError(f"profile {where}: {_readable(str(error), raw)}") from None
 
 

@@ -126,3 +126,11 @@ def test_profiles_are_listed_shown_checked_and_begun(tmp_path: Path) -> None:
     assert "mine              broken: profile mine: speeds" in run("profiles")
     with pytest.raises(StrokeplanError, match=r"unknown field `draw_speed`|missing required field"):
         run("profiles", "check", file)
+
+
+def test_the_two_lists_of_suffixes_agree() -> None:
+    """One is read without loading the plotter."""
+    from strokeplan.formats import MACHINE_SUFFIXES
+    from strokeplan.plotter.files import SUFFIXES
+
+    assert set(MACHINE_SUFFIXES) == set(SUFFIXES)

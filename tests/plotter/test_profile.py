@@ -9,6 +9,8 @@ import msgspec
 import pytest
 from conftest import ROOT
 from drawings import BAR, drawing
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from strokeplan.errors import ProfileError, StrokeplanError
 from strokeplan.page import Page
@@ -108,6 +110,31 @@ def test_any_bytes_are_a_profile_or_an_error(data: bytes, tmp_path: Path) -> Non
     file.write_bytes(data)
     with pytest.raises(ProfileError):
         load_profile(file)
+
+
+VALUES = (
+    *("1e400", "-1", "nan", "[1]", "[[[1]]]", "{a = 1}", '"x"', '"\\n"', "true", "9" * 40, "1979-05-27", "[]"),
+    *('"""', "[nan, inf]", '["$H"]', '["right", "right"]', '"\\u0000"'),
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_damaged_profile_is_a_profile_or_one_line(data: st.DataObject) -> None:
+    """Lines lost, doubled or given another value: no other error than ours, and none of several lines."""
+    lines = (ROOT / "plotter_profiles" / f"{data.draw(st.sampled_from(SHIPPED))}.toml").read_text().splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        k = data.draw(st.integers(0, len(lines) - 1))
+        key = lines[k].partition("=")[0]
+        changes = [*(f"{key}= {value}" for value in VALUES), "", lines[k] + "\n" + lines[k], "[machine]", "[[tool]]"]
+        lines[k] = data.draw(st.sampled_from(changes))
+    said = ""
+    try:
+        parse("\n".join(lines).encode(), "damaged", "damaged")
+    except ProfileError as error:
+        said = str(error)
+    assert "\n" not in said
+    assert len(said) < 1000
 
 
 def test_unknown_names_say_what_is_known() -> None:
