@@ -65,6 +65,8 @@ class EbbServo(_Tool, frozen=True, kw_only=True, tag="ebb-servo"):
     """Steps of pulse in 24 ms (SC,11)."""
     lower_rate: Annotated[int, Meta(ge=0, le=65535)]
     """SC,12."""
+    pin: Annotated[int, Meta(ge=0, le=24)] | None = None
+    """The RP pin of a lift that is not on the board's own servo output (S2 rather than SP)."""
 
 
 class Well(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

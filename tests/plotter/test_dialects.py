@@ -181,6 +181,14 @@ def test_ebb_never_runs_away(plan: StrokePlan) -> None:
     assert distance(lines, drawn(plan)) <= 0.02 + 0.02
 
 
+def test_a_lift_on_another_pin_is_moved_by_s2() -> None:
+    """NextDraw: RB2 is RP5; 60 % and 30 % of 5400..12600."""
+    commands = encode(program(drawing([BAR]), load_profile("nextdraw_2234"))).decode().split("\r")
+    lifts = [command.split(",")[:3] for command in commands if command.startswith("S2")]
+    assert lifts == [["S2", "9720", "5"], ["S2", "7560", "5"], ["S2", "9720", "5"]]
+    assert not any(command.startswith("SP") for command in commands)
+
+
 def test_ebb_has_one_pen_a_file() -> None:
     with pytest.raises(PlotError, match="cannot wait for a change of pen"):
         encode(program(drawing([EYE, BAR], pens=("red", "blue")), load_profile("axidraw_v3")))

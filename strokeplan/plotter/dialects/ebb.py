@@ -7,7 +7,7 @@ slows the pen down and moves it nowhere else; so is one that would exceed 25 kHz
 Lines that begin with # are for people (the header): whoever sends the file leaves them out. The file begins and ends
 at the home corner, where motors were switched on.
 
-Source: EiBotBoard command set (evil-mad.github.io/EggBot/ebb.html), commands EM, SC, SP, XM.
+Source: EiBotBoard command set (evil-mad.github.io/EggBot/ebb.html), commands EM, S2, SC, SP, XM.
 """
 
 from __future__ import annotations
@@ -57,7 +57,11 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
     yield f"SC,5,{_pulse(tool, down)}"
     yield f"SC,11,{tool.raise_rate}"
     yield f"SC,12,{tool.lower_rate}"
-    yield f"SP,1,{round(raise_s * 1000)}"
+    up, lower = f"SP,1,{round(raise_s * 1000)}", f"SP,0,{round(lower_s * 1000)}"
+    if tool.pin is not None:
+        up = f"S2,{_pulse(tool, tool.up_percent)},{tool.pin},{tool.raise_rate},{round(raise_s * 1000)}"
+        lower = f"S2,{_pulse(tool, down)},{tool.pin},{tool.lower_rate},{round(lower_s * 1000)}"
+    yield up
     lines = range(len(program) + 1)
     stroke, drawn, moves = _slices(program, dialect)
     commands = [f"XM,{ms},{a},{b}" for ms, a, b in moves.tolist()]
@@ -65,9 +69,9 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
     downs = (begins + np.bincount(stroke[~drawn], minlength=len(lines))).tolist()
     for j in lines[:-1]:
         yield from commands[begins[j] : downs[j]]
-        yield f"SP,0,{round(lower_s * 1000)}"
+        yield lower
         yield from commands[downs[j] : begins[j + 1]]  # none for a dot
-        yield f"SP,1,{round(raise_s * 1000)}"
+        yield up
     yield from commands[begins[-1] :]
     yield "EM,0,0"
 
