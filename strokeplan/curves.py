@@ -82,8 +82,8 @@ def flatten_all(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """`flatten` of many chains at once, `points` (p, 2) and `starts` (n + 1,) as a StrokePlan has them.
 
-    Returns the vertices (v, 2) of all polylines, and (n + 1,) where each begins. Raises InputError for a
-    tolerance that would take more than MAX_VERTICES.
+    Points may have further coordinates (a height). Returns the vertices (v, 2) of all polylines, and (n + 1,)
+    where each begins. Raises InputError for a tolerance that would take more than MAX_VERTICES.
     """
     pieces = np.diff(starts) // 3
     firsts = np.concatenate([[0], np.cumsum(pieces)])  # the first piece of every chain
@@ -98,7 +98,7 @@ def flatten_all(
     t = ((np.arange(ends[-1]) - np.repeat(ends[:-1], steps) + 1) / np.repeat(steps, steps))[:, None]
     s = 1 - t
     weights = (s**3, 3 * s**2 * t, 3 * s * t**2, t**3)
-    vertices = np.empty((begins[-1], 2))
+    vertices = np.empty((begins[-1], points.shape[1]))
     inner = np.ones(len(vertices), np.bool_)
     inner[begins[:-1]] = False
     vertices[begins[:-1]] = points[starts[:-1]]

@@ -4,6 +4,8 @@
     ├── InputError             the caller's file, value or option is wrong      2
     │   ├── ImageError         a photo that cannot be read or planned           2
     │   ├── PresetError        a preset, or a value set in one                  2
+    │   ├── ProfileError       a machine profile                                2
+    │   ├── PlotError          a drawing that the machine cannot take           2
     │   └── FormatError        a strokes file, or a suffix nobody handles       2
     ├── MissingExtraError      an optional package is not installed             2
     └── OutputError            the result could not be written                  2
@@ -32,6 +34,14 @@ class ImageError(InputError):
 
 class PresetError(InputError):
     """A preset that is unknown or malformed, or a value out of range."""
+
+
+class ProfileError(InputError):
+    """A machine profile that is unknown or malformed."""
+
+
+class PlotError(InputError):
+    """A drawing that does not fit the machine, its pens or its paper."""
 
 
 class FormatError(InputError):

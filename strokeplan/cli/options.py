@@ -114,3 +114,27 @@ OutlineOption = Annotated[
     bool, typer.Option("--outline", help="Every stroke as a filled outline, for cutters and the like.")
 ]
 ClipOption = Annotated[bool, typer.Option("--clip", help="Nothing shows outside of the canvas.")]
+ProfileOption = Annotated[
+    str | None,
+    typer.Option(
+        "--profile",
+        metavar="NAME|FILE",
+        help="For a machine: .gcode, .nc, .hpgl, .plt or .ebb. `strokeplan profiles` lists them.",
+    ),
+]
+RotateOption = Annotated[int, typer.Option("--rotate", metavar="0|90|180|270", help="Turn the picture clockwise.")]
+MirrorOption = Annotated[bool, typer.Option("--mirror", help="Exchange left and right.")]
+ScaleOption = Annotated[
+    float | None, typer.Option("--scale", help="Of the true size, for plans that have one; else as large as fits.")
+]
+WithinOption = Annotated[
+    Path | None, typer.Option("--within", metavar="SVG", help="Cut to the closed shapes of an SVG, in mm of the page.")
+]
+KeepOrderOption = Annotated[bool, typer.Option("--keep-order", help="Draw strokes as they come: paint that is wet.")]
+SlotsOption = Annotated[
+    list[str] | None, typer.Option("--pen", metavar="NAME=SLOT", help="Where a pen is in the machine; may be repeated.")
+]
+PenFilesOption = Annotated[bool, typer.Option("--file-per-pen", help="A file for every pen, named after it.")]
+DateOption = Annotated[
+    str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="For the header; by default SOURCE_DATE_EPOCH's.")
+]

@@ -95,6 +95,8 @@ WRITERS: dict[str, Writer] = {
     ".ps": _vector("ps"),
     ".dxf": Writer(_dxf, ("page", "group_by", "outline"), _ezdxf),
 }
+MACHINE_SUFFIXES = (".gcode", ".nc", ".ngc", ".tap", ".hpgl", ".plt", ".ebb")
+"""Written by plotter/files.py, with a profile."""
 READABLE = (".json", ".json.gz", ".svg", ".svgz")
 
 
@@ -109,6 +111,8 @@ def writer(path: str | os.PathLike[str]) -> Writer:
     for suffix in sorted(WRITERS, key=len, reverse=True):
         if name.endswith(suffix):
             return WRITERS[suffix]
+    if name.endswith(MACHINE_SUFFIXES):
+        raise FormatError(f"{path}: is for a machine; say which, e.g. --profile grbl_servo (`strokeplan profiles`)")
     raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r}; known are {', '.join(WRITERS)}")
 
 
