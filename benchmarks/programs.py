@@ -29,7 +29,7 @@ from strokeplan.rendering import render
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "svg.md"
 SAMPLES = ("chelsea", "coffee", "astronaut")
-SCALE, LIMIT_S = 2, 100
+SCALE, LIMIT_S = 2, 300
 PRESSED = {"pressure": 0.5}
 Picture = NDArray[np.float64]
 

@@ -160,7 +160,7 @@ def bends(draw: st.DrawFn) -> NDArray[np.float64]:
     return np.array(points)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(bends(), st.sampled_from([1.0, 6.0, 25.0]), st.booleans())
 def test_an_outline_is_the_buffer_of_its_curve(chain: NDArray[np.float64], width: float, pressed: bool) -> None:
     pressures = np.ones(len(chain) // 3 + 1) if pressed else None

@@ -30,7 +30,7 @@ from strokeplan import ExportOptions, StrokePlan
 from strokeplan.errors import FormatError, StrokeplanWarning
 from strokeplan.formats import svg_reader, svg_xml
 from strokeplan.formats.svg import _NOT_XML, encode
-from strokeplan.formats.svg_path import subpaths
+from strokeplan.formats.svg_path import is_simple, simple_chains, subpaths
 from strokeplan.formats.svg_reader import decode
 from strokeplan.rendering import render
 from strokeplan.strokes import Layer, Source, rgb_to_hex
@@ -325,6 +325,26 @@ def test_path_data_become_chains(data: str, expected: list[list[float]]) -> None
     assert [len(chain) for chain in found] == [len(chain) for chain in expected]
     for chain, wanted in zip(found, expected, strict=True):
         assert chain == pytest.approx(wanted)
+
+
+@given(st.lists(st.lists(st.tuples(*[st.decimals(-999, 999, places=2).map(str)] * 6), min_size=1, max_size=4)))
+def test_simple_paths_read_together_are_those_read_one_by_one(strokes: list[list[tuple[str, ...]]]) -> None:
+    data = ["M1.5,-2c" + " ".join(" ".join(piece) for piece in stroke).replace(" -", "-") for stroke in strokes]
+    assert all(map(is_simple, data))
+    points, counts = simple_chains(data)
+    assert [2 * count for count in counts.tolist()] == [len(subpaths(each)[0]) for each in data]
+    assert points.ravel().tolist() == [value for each in data for value in subpaths(each)[0]]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "M1 2c1 2 3 4 5", "M1 2c1e3 2 3 4 5 6", "M1 2C1 2 3 4 5 6", "M1 2c.1.2 3 4 5 6", "M1 2c",
+        "M1 2c1 2 3 4 5 6z", "m1 2c1 2 3 4 5 6", "M1 2c1 2 3 4 5 nan",
+    ],
+)  # fmt: skip
+def test_what_is_not_simple_is_read_by_the_letter(data: str) -> None:
+    assert not is_simple(data)
 
 
 def test_each_subpath_is_a_stroke_and_transforms_reach_points_and_widths() -> None:
