@@ -86,29 +86,25 @@ def tour_of(
     links.mate[nowhere] = nowhere  # not to be joined: all others will be, in one path from here
     left = len(role) // 2
     if tolerance > 0:
-        us, vs, gaps = _pairs(points, np.arange(len(role)), near)
-        within = gaps <= tolerance
-        left -= _match(links, *_both_ways(us[within], vs[within], len(role)))
+        left -= _match(links, *_both_ways(*_pairs(points, np.arange(len(role)), near, tolerance), len(role)))
     free = np.flatnonzero(links.mate < 0)
-    us, vs, _ = _pairs(points, free, near[free, :MATCHES])
-    left -= _join_all(links, us, vs)
+    left -= _join_all(links, *_pairs(points, free, near[free, :MATCHES]))
     while left > 1:
         free = np.flatnonzero(links.mate < 0)
         exits, entries = free[links.role[free] != ENTRY], free[links.role[free] != EXIT]
-        us, vs, _ = _pairs(points, exits, nearest(points, exits, entries, links.tail, MATCHES))
-        left -= _join_all(links, us, vs)
+        left -= _join_all(links, *_pairs(points, exits, nearest(points, exits, entries, links.tail, MATCHES)))
     return _walk(links.mate, nowhere)
 
 
 def _pairs(
-    points: NDArray[np.float64], nodes: NDArray[np.int64], near: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Nodes and their near ones, by the gap between them."""
+    points: NDArray[np.float64], nodes: NDArray[np.int64], near: NDArray[np.int32], most: float = np.inf
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Nodes and their near ones, by the gap between them, which is `most` at most."""
     us, vs = np.repeat(nodes, near.shape[1]), near.reshape(-1).astype(np.int64)
-    us, vs = us[vs >= 0], vs[vs >= 0]
     gaps = np.hypot(*(points[us] - points[vs]).T)
-    by_gap = np.argsort(gaps, kind="stable")
-    return us[by_gap], vs[by_gap], gaps[by_gap]
+    fit = np.flatnonzero((vs >= 0) & (gaps <= most))
+    by_gap = fit[np.argsort(gaps[fit], kind="stable")]
+    return us[by_gap], vs[by_gap]
 
 
 def _both_ways(
