@@ -25,7 +25,7 @@ from strokeplan.strokes import Layer, StrokePlan
 
 PAGE = Path(__file__).parent.parent / "docs" / "rendering.md"
 STROKES, WIDTH, HEIGHT = 100_000, 2000, 1300
-REPEATS = 5
+REPEATS = 3
 TIFF_WIDTH, TIFF_HEIGHT = 60_000, 40_000
 REGION_WIDTH, REGION_HEIGHT = 4.0, 2.0
 """Around the beginning of a stroke, in units of a canvas of 600 × 400."""
