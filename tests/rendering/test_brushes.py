@@ -49,8 +49,8 @@ def coffee() -> StrokePlan:
 
 @pytest.mark.parametrize("brush", BRUSHES)
 def test_painted_at_4_times_the_size_and_reduced_it_is_the_same_picture(brush: str, coffee: StrokePlan) -> None:
-    """All of the cup's rim, with strokes of every layer."""
-    once, large = (render(coffee, scale=scale, brush=brush, region=(190, 100, 160, 100)) for scale in (1, 4))
+    """A part of the cup, within one row of tiles at either size: the others would be painted for nothing."""
+    once, large = (render(coffee, scale=scale, brush=brush, region=(190, 130, 160, 60)) for scale in (1, 4))
     reduced = np.asarray(Image.fromarray(large).reduce(4))
     psnr = [10 * np.log10(255**2 / np.mean((np.roll(reduced, k, 1).astype(float) - once) ** 2)) for k in (0, 1)]
     assert psnr[0] >= REDUCED_PSNR_DB
