@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from strokeplan.cli.console import echo_written, file_line
+from strokeplan.cli.console import echo_written
 from strokeplan.cli.machines import export_machine, machine_rows, plot_options
 from strokeplan.cli.options import (
     ClassesOption,
