@@ -32,6 +32,7 @@ def dash(
     spacing_mm: float,
     demand: NDArray[np.float32],
     pixel_mm: float,
+    size_mm: tuple[float, float],
     width_mm: float,
     *,
     shortest_mm: float,
@@ -42,7 +43,7 @@ def dash(
     """Strokes that cover the part `demand` (rows, columns) float32 of each pixel of `pixel_mm`.
 
     They are `shortest_mm` long where the demand is 0, and `longest_mm` where it is `full`. `directions` are as
-    `hatch` has them.
+    `hatch` has them; `size_mm` is that of the picture, which no stroke leaves.
     """
     wanted = np.flatnonzero(demand.ravel() > LEAST_DEMAND)
     if not len(wanted):
@@ -56,8 +57,8 @@ def dash(
     points = np.empty((min(most * vertices, 20_000_000), 2))
     starts = np.zeros(most + 1, np.int64)
     count = _dash(
-        directions, spacing_mm, demand, lengths, sigma.astype(np.float32), float(sigma.max()), pixel_mm, width_mm,
-        order, np.array(LEVELS), np.zeros_like(demand), points, starts,
+        directions, spacing_mm, demand, lengths, sigma.astype(np.float32), float(sigma.max()), pixel_mm, *size_mm,
+        width_mm, order, np.array(LEVELS), np.zeros_like(demand), points, starts,
     )  # fmt: skip
     return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
 
@@ -71,6 +72,8 @@ def _dash(
     sigma: NDArray[np.float32],
     widest: float,
     pixel: float,
+    right: float,
+    bottom: float,
     width: float,
     order: NDArray[np.int64],
     levels: NDArray[np.float64],
@@ -89,9 +92,9 @@ def _dash(
             half = max(int(0.5 * lengths[i, j] / STEP_MM + 0.5), 1)
             if at + 2 * half + 1 > len(points):
                 return count
-            x, y = (j + 0.5) * pixel, (i + 0.5) * pixel
-            follow(directions, spacing, x, y, half, points, at + half, 1)
-            follow(directions, spacing, x, y, half, points, at + half, -1)
+            x, y = min((j + 0.5) * pixel, right), min((i + 0.5) * pixel, bottom)
+            follow(directions, spacing, x, y, half, points, at + half, 1, right, bottom)
+            follow(directions, spacing, x, y, half, points, at + half, -1, right, bottom)
             starts[count + 1] = at + 2 * half + 1
             ink = width * (2 * half * STEP_MM + 0.785 * width) / (2 * half + 1)
             reach = 2.5 * min(widest, 3.0 * sigma[i, j])
@@ -111,14 +114,20 @@ def follow(
     points: NDArray[np.float64],
     at: int,
     stride: int,
+    right: float,
+    bottom: float,
 ) -> None:
-    """`steps` points along the field from index `at` on, by `stride` (±1)."""
+    """`steps` points along the field from index `at` on, by `stride` (±1).
+
+    Where they would leave 0 … `right` × 0 … `bottom` they stay: whoever simplifies the line drops what is the same.
+    """
     ux, uy, _ = sample(directions, spacing, False, x, y, 1.0, 0.0)
     ux, uy = stride * ux, stride * uy
     points[at, 0], points[at, 1] = x, y
     for _ in range(steps):
         ux, uy, _ = sample(directions, spacing, True, x + 0.5 * STEP_MM * ux, y + 0.5 * STEP_MM * uy, ux, uy)
-        x, y = x + STEP_MM * ux, y + STEP_MM * uy
+        if 0.0 <= x + STEP_MM * ux <= right and 0.0 <= y + STEP_MM * uy <= bottom:
+            x, y = x + STEP_MM * ux, y + STEP_MM * uy
         at += stride
         points[at, 0], points[at, 1] = x, y
 

@@ -247,7 +247,7 @@ def _drawn(
     seen = _seen(covered, EYE_WIDTHS * width / pixel)
     lacking = np.where(sharp < preset.lines_from, np.clip((sharp - seen) / (1 - seen), 0, 1), 0)
     dashes = dash(
-        samples, spacing, _blocks(lacking), COARSE * pixel, width,
+        samples, spacing, _blocks(lacking), COARSE * pixel, (sheet.width_mm, sheet.height_mm), width,
         shortest_mm=preset.dash_mm[0], longest_mm=preset.dash_mm[1], full=preset.lines_from, seed=recipe.seed,
     )  # fmt: skip
     cover(dashes, width, pixel, covered)
@@ -306,6 +306,7 @@ def _mended(
             _blurred(1 - wanted, blur),
             ink,
             COARSE * sheet.pixel_mm,
+            (sheet.width_mm, sheet.height_mm),
             pen.width_mm,
             sigma_mm=sigma,
             lengths_mm=recipe.preset.mend_mm,

@@ -15,7 +15,7 @@ from msgspec import Meta, Struct
 
 from strokeplan.errors import PresetError
 from strokeplan.page import Page
-from strokeplan.pens import PenSet
+from strokeplan.pens import PenSet, load_pens
 
 Millimetres = Annotated[float, Meta(ge=0.05, le=1000)]
 Part = Annotated[float, Meta(ge=0, le=1)]
@@ -76,6 +76,24 @@ class InkRecipe(NamedTuple):
     page: Page | None = None
     strokes: int | None = None
     max_length_mm: float | None = None
+
+    def changed(
+        self,
+        *,
+        seed: int | None,
+        strokes: int | None,
+        page: Page | None,
+        pens: str | PathLike[str] | PenSet | None,
+        max_length_mm: float | None,
+    ) -> InkRecipe:
+        """This recipe with what is given in place of its own. Raises InputError."""
+        return self._replace(
+            seed=self.seed if seed is None else seed,
+            strokes=self.strokes if strokes is None else strokes,
+            page=page or self.page,
+            pens=self.pens if pens is None else load_pens(pens),
+            max_length_mm=self.max_length_mm if max_length_mm is None else max_length_mm,
+        )
 
 
 def ink_names() -> list[str]:

@@ -32,6 +32,7 @@ def mend(
     target: NDArray[np.float32],
     coverage: NDArray[np.float32],
     pixel_mm: float,
+    size_mm: tuple[float, float],
     width_mm: float,
     *,
     sigma_mm: float,
@@ -42,14 +43,14 @@ def mend(
 
     `light` and `target` (rows, columns) are the linear light of drawing and photo, blurred by `sigma_mm`, and
     `coverage` the ink at each pixel of `pixel_mm` as it is; strokes are tried in order of `lengths_mm`.
-    `directions` are as `hatch` has them.
+    `directions` are as `hatch` has them; `size_mm` is that of the picture, which no stroke leaves.
     """
     order = np.random.default_rng(seed).permutation(light.size)
     steps = np.array([max(round(0.5 * length / STEP_MM), 1) for length in lengths_mm])
     points = np.empty((light.size * 2 + 100, 2))
     starts = np.zeros(light.size + 1, np.int64)
     count = _mend(
-        directions, spacing_mm, light.copy(), target, coverage, pixel_mm, width_mm, sigma_mm, order, steps,
+        directions, spacing_mm, light.copy(), target, coverage, pixel_mm, *size_mm, width_mm, sigma_mm, order, steps,
         np.zeros_like(light), points, starts,
     )  # fmt: skip
     return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
@@ -63,6 +64,8 @@ def _mend(
     target: NDArray[np.float32],
     coverage: NDArray[np.float32],
     pixel: float,
+    edge: float,
+    floor: float,
     width: float,
     sigma: float,
     order: NDArray[np.int64],
@@ -83,9 +86,9 @@ def _mend(
             at, n = starts[count], 2 * half + 1
             if at + n > len(points) or count + 1 >= len(starts):
                 return count
-            x, y = (j + 0.5) * pixel, (i + 0.5) * pixel
-            follow(directions, spacing, x, y, half, points, at + half, 1)
-            follow(directions, spacing, x, y, half, points, at + half, -1)
+            x, y = min((j + 0.5) * pixel, edge), min((i + 0.5) * pixel, floor)
+            follow(directions, spacing, x, y, half, points, at + half, 1, edge, floor)
+            follow(directions, spacing, x, y, half, points, at + half, -1, edge, floor)
             bare = 0.0
             left, right, top, bottom = columns, 0, rows, 0
             for k in range(at, at + n):

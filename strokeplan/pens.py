@@ -9,13 +9,16 @@ from __future__ import annotations
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
 from strokeplan.color_settings import HexColor
 from strokeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from strokeplan.strokes import StrokePlan
 
 MIN_WIDTH_MM, MAX_WIDTH_MM = 0.05, 20.0
 MAX_PENS = 16
@@ -79,6 +82,17 @@ def pens_from(raw: Any, where: str) -> PenSet:
         return msgspec.convert(raw, PenSet)
     except msgspec.ValidationError as error:
         raise InputError(f"pens {where}: {error}") from None
+
+
+def transparent_layers(plan: StrokePlan) -> list[bool]:
+    """For each layer of a plan whether its ink filters what lies below: so say the pens that it was drawn with."""
+    recorded = plan.settings.get("pens")
+    try:
+        pens = msgspec.convert(recorded, PenSet).pens
+    except msgspec.ValidationError:
+        return [False] * len(plan.layers)
+    clear = {pen.name for pen in pens if pen.ink == "transparent"}
+    return [len(pens) > 1 and layer.medium == "ink" and layer.name in clear for layer in plan.layers]
 
 
 def _folder() -> Any:

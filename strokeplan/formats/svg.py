@@ -33,6 +33,7 @@ from strokeplan.formats.json import VERSION, hex_colors, paused_gc
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
 from strokeplan.grouping import regroup
+from strokeplan.pens import transparent_layers
 from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -121,8 +122,9 @@ def _document(layout: Layout, options: ExportOptions) -> svgwrite.Drawing:
         drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect((x, y), size))
     if options.classes:
         drawing.defs.add(drawing.style(_rules(plan, options)))
-    for number, layer in enumerate(plan.layers, start=1):
-        drawing.add(_group(drawing, layout, layer, number, options))
+    kinds = zip(plan.layers, transparent_layers(plan), strict=True)
+    for number, (layer, filters) in enumerate(kinds, start=1):
+        drawing.add(_group(drawing, layout, layer, number, options, filters))
     return drawing
 
 
@@ -139,7 +141,7 @@ def _metadata(plan: StrokePlan) -> Iterator[Element]:
 
 
 def _group(
-    drawing: svgwrite.Drawing, layout: Layout, layer: Layer, number: int, options: ExportOptions
+    drawing: svgwrite.Drawing, layout: Layout, layer: Layer, number: int, options: ExportOptions, filters: bool
 ) -> svgwrite.container.Group:
     widths = np.unique(layout.widths[layer.first : layer.last])
     group = drawing.g(id=f"layer{number}", fill="none", stroke_linecap=layer.cap, stroke_linejoin="round")
@@ -150,6 +152,8 @@ def _group(
     group.attribs["inkscape:groupmode"] = "layer"
     group.attribs["inkscape:label"] = _text(layer.name)
     group.attribs["strokeplan:medium"] = layer.medium
+    if filters:
+        group.attribs["style"] = "mix-blend-mode:multiply"
     group.add(_Mark())
     return group
 

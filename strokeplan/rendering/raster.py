@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from strokeplan.errors import InputError, MissingExtraError
 from strokeplan.outlines import outline
-from strokeplan.strokes import StrokePlan
+from strokeplan.pens import transparent_layers
+from strokeplan.strokes import StrokePlan, unit_mm
 
 MAX_SIDE = 32_767
 """Cairo's image surfaces end here."""
 TOLERANCE_PX = 0.05
 """By this much, in pixels of the picture, a painted outline may differ from its stroke; Cairo flattens to 0.1."""
+DOTS_A_MM = 300 / 25.4
+"""Of pictures of pen drawings, unless another size is asked for."""
 _CHANNELS = [2, 1, 0] if sys.byteorder == "little" else [1, 2, 3]
 """Where R, G, B lie among the four bytes of a Cairo pixel."""
 
@@ -45,7 +48,8 @@ def render(
     """Paint the plan as a (h, w, 3) uint8 picture.
 
     Give one of `width` or `height` (pixels; the other follows) or `scale` (1 = the canvas's own size,
-    the default). Raises InputError for a size that is no size, MissingExtraError without Pycairo.
+    the default; of a pen drawing on paper it is 300 dots an inch).
+    Raises InputError for a size that is no size, MissingExtraError without Pycairo.
     """
     return paint(plan, *picture_size(plan, width=width, height=height, scale=scale))
 
@@ -112,7 +116,8 @@ def picture_size(
     for name, value in given.items():
         if not (isfinite(value) and value > 0):
             raise InputError(f"{name} {value:g} is no size; give more than 0")
-    factor = scale or 1.0
+    unit = unit_mm(plan)
+    factor = scale or (1.0 if unit is None else unit * DOTS_A_MM)
     if width is not None:
         factor = width / plan.width
     if height is not None:
@@ -146,7 +151,9 @@ def _paint(context: Any, plan: StrokePlan, tolerance: float) -> None:
     colors = (plan.colors / 255).tolist()
     move_to, curve_to = context.move_to, context.curve_to
     pressed = set(np.flatnonzero(plan.has_pressure).tolist())
-    for layer in plan.layers:
+    for layer, filters in zip(plan.layers, transparent_layers(plan), strict=True):
+        if filters:
+            context.push_group()
         context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
         spans = zip(
             range(layer.first, layer.last),
@@ -165,3 +172,8 @@ def _paint(context: Any, plan: StrokePlan, tolerance: float) -> None:
             for k in range(first + 1, last, 3):
                 curve_to(*points[k], *points[k + 1], *points[k + 2])
             context.stroke()
+        if filters:  # ink on the same ink is no darker, on another it is
+            context.pop_group_to_source()
+            context.set_operator(cairo.OPERATOR_MULTIPLY)
+            context.paint()
+            context.set_operator(cairo.OPERATOR_OVER)
