@@ -44,7 +44,8 @@ def pictures(plan: strokeplan.StrokePlan, photo: Photo) -> tuple[NDArray[np.floa
     """Linear light of the drawing and of the photo, where the photo lies on the sheet."""
     page = strokeplan.Page(plan.width, plan.height, PAGE.margin_mm)
     place = page.fit(photo.width, photo.height)
-    drawn = luminance(paint(plan, round(plan.width * DOTS_A_MM), round(plan.height * DOTS_A_MM)))
+    # Black on white: what is left of a pixel's 255 is the part of it that no ink covers, and that is its light.
+    drawn = paint(plan, round(plan.width * DOTS_A_MM), round(plan.height * DOTS_A_MM))[..., 1] / np.float32(255)
     left, top = round(place.x * DOTS_A_MM), round(place.y * DOTS_A_MM)
     columns, rows = round(photo.width * place.scale * DOTS_A_MM), round(photo.height * place.scale * DOTS_A_MM)
     shown = Image.fromarray(photo.rgb).resize((columns, rows), Image.Resampling.BICUBIC)
@@ -117,7 +118,8 @@ def report(rows: dict[str, list[dict[str, float]]], photo: str, who: str, found:
 
 
 def line(photo: str, who: str, found: dict[str, float]) -> str:
-    return f"| {photo} | {who} | {' | '.join(f'{value:.3g}' if value < 1000 else f'{value:.0f}' for value in found.values())} |\n"
+    values = (f"{value:.3g}" if value < 1000 else f"{value:.0f}" for value in found.values())
+    return f"| {photo} | {who} | {' | '.join(values)} |\n"
 
 
 if __name__ == "__main__":

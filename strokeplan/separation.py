@@ -100,6 +100,7 @@ def _solve(
     paper = inks[0].astype(np.float64)
     laid = np.stack([_over(paper, inks[k + 1], pens.pens[k].ink) for k in range(n)])
     contrast = ((lab(laid) - lab(paper)) ** 2).sum(axis=1)
+    grain = GRAIN if n > 1 else 0.0  # a single pen has no choice, and would only come out too light
     found = np.zeros((len(wanted), n))
     for sweep in range(SWEEPS):
         span = most / 2.0**sweep
@@ -110,7 +111,7 @@ def _solve(
             every = np.repeat(found[:, None, :], trials.shape[1], axis=1)
             every[..., k] = trials
             cost = ((lab(composite(every, pens, inks)) - target[:, None]) ** 2).sum(axis=-1)
-            cost += GRAIN * (every * (1 - every) * contrast).sum(axis=-1)
+            cost += grain * (every * (1 - every) * contrast).sum(axis=-1)
             found[:, k] = np.take_along_axis(trials, cost.argmin(axis=1)[:, None], axis=1)[:, 0]
     return found
 
