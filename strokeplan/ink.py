@@ -54,6 +54,8 @@ SHARP = 0.5
 """σ of the blur of what a pen should cover, in its widths: lines show nothing finer."""
 EYE_WIDTHS, FEEDBACK_WIDTHS, MEND_WIDTHS = 1.7, 2.7, 1.5
 """σ of the blur, in widths of the pen, of what is covered so far; of the correction of the spacing; of mending."""
+MEND_LIGHT = 1.05
+"""Mending aims at so many times the light: it can add ink and take none away, and would leave a drawing too dark."""
 ROUNDS = 3
 """How often a layer is drawn to find its spacing."""
 CORRECTION = (1.0, 0.6)
@@ -303,7 +305,7 @@ def _mended(
             samples,
             spacing,
             _blurred(1 - ink, blur),
-            _blurred(1 - wanted, blur),
+            _blurred(1 - wanted, blur) * np.float32(MEND_LIGHT),
             ink,
             COARSE * sheet.pixel_mm,
             (sheet.width_mm, sheet.height_mm),

@@ -39,8 +39,8 @@ class InkPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     description: str = ""
     pens: str = "black"
     """The set of pens, if no other is given."""
-    direction: Literal["structure", "isophotes", "fixed"] = "structure"
-    """What lines follow: the photo's structure; lines of equal tone; or nothing but their own angle."""
+    direction: Literal["structure", "fixed"] = "structure"
+    """What lines follow: the photo's structure, or nothing but their own angle."""
     detail_mm: Millimetres = 0.5
     """σ of the blur at which the direction is measured."""
     integration_mm: Millimetres = 1.5
