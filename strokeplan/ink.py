@@ -54,7 +54,7 @@ SHARP = 0.5
 """σ of the blur of what a pen should cover, in its widths: lines show nothing finer."""
 EYE_WIDTHS, FEEDBACK_WIDTHS, MEND_WIDTHS = 1.7, 2.7, 1.5
 """σ of the blur, in widths of the pen, of what is covered so far; of the correction of the spacing; of mending."""
-MEND_LIGHT = 1.05
+MEND_LIGHT = 1.07
 """Mending aims at so many times the light: it can add ink and take none away, and would leave a drawing too dark."""
 ROUNDS = 3
 """How often a layer is drawn to find its spacing."""

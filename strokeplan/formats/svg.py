@@ -236,7 +236,7 @@ def _own_attributes(layout: Layout, filled: NDArray[np.bool_], unit: int) -> Ite
     angled = np.zeros(len(plan), np.bool_)
     if plan.angles is not None:
         angled = ~np.isnan(plan.angles[plan.first_knots[:-1]])
-    named = np.array([pen is not None for pen in plan.pens]) if plan.pens is not None else angled
+    named = np.array([pen is not None for pen in plan.pens], np.bool_) if plan.pens is not None else angled
     curves = iter(_path_data(*_chosen(layout, filled), unit))
     knots = plan.first_knots.tolist()
     for i in np.flatnonzero(filled | angled | named).tolist():
