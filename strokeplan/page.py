@@ -32,12 +32,12 @@ SIZES_MM = {
     "tabloid": (279.4, 431.8),
 }
 """ISO 216 and ANSI/ASME Y14.1, upright."""
-UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": MM_PER_INCH}
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": MM_PER_INCH, "m": 1000.0}
 MIN_SIDE_MM, MAX_SIDE_MM = 1.0, 10_000.0
 MIN_PICTURE_MM = 1e-3
 """A picture with a side thinner than this on its page is a mistake, and more than a file's digits can hold."""
 _NUMBER = r"(\d+\.?\d*|\.\d+)"
-_UNIT = r"\s*(mm|cm|in)"
+_UNIT = r"\s*(mm|cm|in|m)"
 
 
 class Placement(NamedTuple):

@@ -28,13 +28,15 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strokeplan import budget, painting, pursuit, search
+from strokeplan import budget, ink, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError, StrokeplanWarning
 from strokeplan.field import Orientation, OrientationField, submit_field
 from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab
 from strokeplan.importance import check_mask, importance_map, load_mask, segments
+from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
 from strokeplan.merging import merge
+from strokeplan.page import Page
 from strokeplan.painting import (
     BEND_WIDTHS,
     Brush,
@@ -46,6 +48,7 @@ from strokeplan.painting import (
     wander_key,
 )
 from strokeplan.palette import choose_colors, color_table, plan_palette
+from strokeplan.pens import PenSet
 from strokeplan.presets import LayerPreset, Preset, Recipe, load_preset, load_recipe
 from strokeplan.pressure import add_pressure
 from strokeplan.pursuit import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Pursuit, Rules
@@ -100,13 +103,16 @@ class Report:
 
 def plan(
     image: str | os.PathLike[str] | ArrayLike | Photo,
-    preset: str | os.PathLike[str] | Preset | Recipe = "fine",
+    preset: str | os.PathLike[str] | Preset | Recipe | InkPreset | InkRecipe = "fine",
     seed: int | None = None,
     *,
     orientation: Orientation | None = None,
     strokes: int | None = None,
     detail: float | None = None,
     mask: str | os.PathLike[str] | ArrayLike | None = None,
+    page: Page | None = None,
+    pens: str | os.PathLike[str] | PenSet | None = None,
+    max_length_mm: float | None = None,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
     report: Callable[[Report], None] | None = None,
@@ -120,10 +126,23 @@ def plan(
     mask     where detail matters: a picture file or an (h, w) array in 0..1 of the photo's proportions;
              1 matters most, 0.5 is neutral. It takes the place of the preset's own importance.
 
+    A preset of ink makes a pen drawing in millimetres (see ink.py), for which there are
+    page           the sheet and its margin; by default A4 with 15 mm, turned as the photo;
+    pens           a set of pens (a name, a .toml file, a PenSet); by default the preset's;
+    max_length_mm  how far the pens may draw: the best drawing for that much ink;
+    and neither orientation, detail, mask, progress nor report.
+
     The same image, preset, options, seed and version give the same plan, whatever `threads` (default: one
     for each processor this process may use). `progress` is called now and then, `report` once at the end.
     Raises ImageError, PresetError, InputError.
     """
+    if (inked := find_ink(preset)) is not None:
+        _refuse("a preset of ink", orientation=orientation, detail=detail, mask=mask)
+        return ink.draw(
+            _photo(image), inked.changed(seed=seed, strokes=strokes, page=page, pens=pens, max_length_mm=max_length_mm)
+        )
+    _refuse("a preset of paint", page=page, pens=pens, max_length_mm=max_length_mm)
+    assert not isinstance(preset, InkPreset | InkRecipe)  # noqa: S101 (for the type checker: find_ink takes them)
     recipe = load_recipe(preset)
     seed = recipe.seed if seed is None else seed
     if seed < 0:
@@ -165,6 +184,13 @@ def plan(
     if mask is not None:
         settings["mask"] = Path(mask).name if isinstance(mask, str | os.PathLike) else "an array"
     return _on_canvas(painted, photo, settings)
+
+
+def _refuse(what: str, **options: object) -> None:
+    """Raise InputError if an option is given that `what` has no use for."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"{name.removesuffix('_mm')} is not for {what}; leave it out, or give another preset")
 
 
 _COLOR = 2
@@ -225,10 +251,13 @@ class _Job:
         return tell
 
 
-def _photo(image: str | os.PathLike[str] | ArrayLike | Photo, style: Preset) -> Photo:
+def _photo(image: str | os.PathLike[str] | ArrayLike | Photo, style: Preset | None = None) -> Photo:
+    """The photo, decoded as far as a style needs it, or whole."""
     if isinstance(image, Photo):
         return image
-    return load_for(image, style) if isinstance(image, str | os.PathLike) else as_photo(image)
+    if not isinstance(image, str | os.PathLike):
+        return as_photo(image)
+    return load_photo(image) if style is None else load_for(image, style)
 
 
 def _mask(mask: str | os.PathLike[str] | ArrayLike | None, photo: Photo) -> NDArray[np.float32] | None:

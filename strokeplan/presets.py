@@ -159,7 +159,7 @@ class Preset(ColorStyle, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """A copy with values replaced by dotted key; layers count from 1: {"layers.2.width": 8}."""
         raw = msgspec.json.decode(msgspec.json.encode(self))  # not to_builtins: its tuples cannot be assigned to
         for key, value in settings.items():
-            _assign(raw, key, value)
+            assign(raw, key, value)
         return _from_builtins(raw, self.name or "preset")
 
 
@@ -288,7 +288,8 @@ def _from_builtins(raw: Any, where: str) -> Preset:
     return preset
 
 
-def _assign(raw: dict[str, Any], key: str, value: Any) -> None:
+def assign(raw: dict[str, Any], key: str, value: Any) -> None:
+    """Set one value of nested tables and lists by its dotted key; items of lists count from 1. Raises PresetError."""
     *parents, last = key.split(".")
     node: Any = raw
     for label in parents:

@@ -225,6 +225,14 @@ def _check_column(name: str, column: NDArray[Any], shape: tuple[int, ...], dtype
         raise ValueError(f"{name} must be {shape} {dtype.__name__}, not {column.shape} {column.dtype}")
 
 
+def unit_mm(plan: StrokePlan) -> float | None:
+    """The true size of a pen drawing's unit; None of a plan that is not drawn for paper."""
+    page = plan.settings.get("page_mm")
+    if not any(layer.medium == "ink" for layer in plan.layers) or not isinstance(page, list) or not page:
+        return None
+    return page[0] / plan.width if isinstance(page[0], int | float) and page[0] > 0 else None
+
+
 def describe(plan: StrokePlan) -> list[tuple[str, str]]:
     """What a plan holds, as (name, text) rows for people."""
     rows = [("canvas", f"{plan.width:g} × {plan.height:g}, background {rgb_to_hex(plan.background)}")]

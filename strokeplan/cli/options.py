@@ -55,7 +55,7 @@ OrientationOption = Annotated[
     Orientation | None, typer.Option("--orientation", help="Where direction comes from; by default as the preset says.")
 ]
 StrokesOption = Annotated[
-    int | None, typer.Option("--strokes", metavar="N", help="The best picture with at most N strokes.")
+    int | None, typer.Option("--strokes", "--max-strokes", metavar="N", help="The best picture with at most N strokes.")
 ]
 DetailOption = Annotated[
     float | None, typer.Option("--detail", metavar="0..1", help="From bold (0) to minute (1); 0.5 is the preset's own.")
@@ -67,6 +67,17 @@ PaletteOption = Annotated[
         metavar="K|COLOURS|FILE.gpl",
         help="Only K colours of the photo, a list like #aabbcc,teal, or a file's.",
     ),
+]
+PenOption = Annotated[
+    str | None, typer.Option("--pen", metavar="WIDTH", help="Ink: the width of all pens: 0.3 (mm), 0.3mm, 0.01in.")
+]
+PensOption = Annotated[
+    str | None,
+    typer.Option("--pens", metavar="NAME|FILE", help="Ink: black, greys, cmyk, sepia-white, or a .toml file."),
+]
+MaxLengthOption = Annotated[
+    str | None,
+    typer.Option("--max-length", metavar="LENGTH", help="Ink: the best drawing with lines of that length: 120m, 80cm."),
 ]
 MaskOption = Annotated[
     Path | None,

@@ -11,10 +11,16 @@ from strokeplan.cli.console import begin, compile_kernels, echo_written, plannin
 from strokeplan.cli.options import (
     DetailOption,
     ImageArgument,
+    LandscapeOption,
+    MarginOption,
     MaskOption,
+    MaxLengthOption,
     OrientationOption,
     OutputsOption,
+    PageOption,
     PaletteOption,
+    PenOption,
+    PensOption,
     PlanSeedOption,
     PresetOption,
     QuietOption,
@@ -24,8 +30,15 @@ from strokeplan.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from strokeplan.ink_presets import InkRecipe
     from strokeplan.planner import Report
     from strokeplan.strokes import StrokePlan
+
+
+DEFAULT_MARGIN = "15mm"
+"""Of the page of a pen drawing, as ink.PAGE has it."""
 
 
 def plan(
@@ -39,6 +52,12 @@ def plan(
     mask: MaskOption = None,
     orientation: OrientationOption = None,
     settings: SetOption = None,
+    page: PageOption = None,
+    landscape: LandscapeOption = False,
+    margin: MarginOption = None,
+    pen: PenOption = None,
+    pens: PensOption = None,
+    max_length: MaxLengthOption = None,
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -47,11 +66,19 @@ def plan(
     import msgspec
 
     from strokeplan import budget, formats, presets
+    from strokeplan.ink_presets import find_ink
     from strokeplan.palette import parse_palette
     from strokeplan.resolution import load_for
 
     for path in output:
         formats.check_target(path, image)
+    if (inked := find_ink(preset)) is not None:
+        _refuse("ink", orientation=orientation, detail=detail, palette=palette, mask=mask)
+        inked = _ink_recipe(inked, seed, strokes, settings, (page, margin, landscape), pen, pens, max_length)
+        _draw(image, inked, output, quiet, began)
+        return
+    given = {"landscape": landscape or None, "max-length": max_length}
+    _refuse("paint", page=page, margin=margin, pen=pen, pens=pens, **given)
     recipe = presets.load_recipe(preset)
     style = presets.style(recipe.preset, settings)
     if palette is not None:
@@ -91,6 +118,61 @@ def plan(
             "total": perf_counter() - began,
         }
         typer.echo(_summary(painted, reports[0].error, seconds))
+        echo_written(*output)
+
+
+def _refuse(medium: str, **options: object) -> None:
+    """Raise InputError if an option is given that presets of that medium have no use for."""
+    from strokeplan.errors import InputError
+
+    for name, value in options.items():
+        if value is not None:
+            other = "paint" if medium == "ink" else "ink (engraving, for one)"
+            raise InputError(f"--{name} is not for presets of {medium}; leave it out, or give a preset of {other}")
+
+
+def _ink_recipe(
+    recipe: InkRecipe,
+    seed: int | None,
+    strokes: int | None,
+    settings: list[str] | None,
+    page: tuple[str | None, str | None, bool],
+    pen: str | None,
+    pens: str | None,
+    max_length: str | None,
+) -> InkRecipe:
+    """A recipe with what the command line changes in it."""
+    from strokeplan.ink_presets import override_ink
+    from strokeplan.page import parse_length, parse_page
+    from strokeplan.pens import load_pens
+    from strokeplan.presets import parse_assignments
+
+    size, margin, landscape = page
+    sheet = parse_page(size, DEFAULT_MARGIN if size and margin is None else margin, landscape=landscape)
+    style = override_ink(recipe.preset, parse_assignments(settings or []))
+    chosen = load_pens(pens) if pens else recipe.pens or load_pens(style.pens)
+    return recipe._replace(preset=style).changed(
+        seed=seed,
+        strokes=strokes,
+        page=sheet,
+        pens=chosen.with_width(parse_length(pen, "pen")) if pen else chosen,
+        max_length_mm=None if max_length is None else parse_length(max_length, "max-length"),
+    )
+
+
+def _draw(image: Path, recipe: InkRecipe, output: list[Path], quiet: bool, began: float) -> None:
+    """Draw a photo in ink and write it."""
+    from strokeplan import formats
+    from strokeplan.image import load_photo
+
+    photo = load_photo(image)
+    from strokeplan import ink
+
+    drawing = ink.draw(photo, recipe)
+    formats.save_all(drawing, output)
+    if not quiet:
+        metres = ink.length_mm(drawing) / 1000
+        typer.echo(f"{len(drawing):,} strokes, {metres:.1f} m of ink, {perf_counter() - began:.1f} s")
         echo_written(*output)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from strokeplan.formats.options import ExportOptions
 from strokeplan.outlines import outline_strokes
 from strokeplan.page import MM_PER_INCH, PX_PER_INCH, Placement
-from strokeplan.strokes import StrokePlan
+from strokeplan.strokes import StrokePlan, unit_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,9 @@ class Layout:
 
 def lay_out(plan: StrokePlan, options: ExportOptions) -> Layout:
     """A plan where the options put it: on a page, or as large as its canvas. Raises InputError."""
-    mm = options.page is not None or options.units == "mm"
-    scale = MM_PER_INCH / PX_PER_INCH if mm else 1.0
+    physical = unit_mm(plan) if options.page is None and options.units != "px" else None
+    mm = options.page is not None or options.units == "mm" or physical is not None
+    scale = physical or (MM_PER_INCH / PX_PER_INCH if mm else 1.0)
     place, width, height = Placement(scale), plan.width * scale, plan.height * scale
     if options.page is not None:
         place = options.page.fit(plan.width, plan.height)

@@ -34,6 +34,7 @@ from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
 from strokeplan.formats.svg_moved import anchors
 from strokeplan.grouping import regroup
+from strokeplan.pens import transparent_layers
 from strokeplan.strokes import Layer, StrokePlan, rgb_to_hex
 
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -124,8 +125,9 @@ def _document(layout: Layout, options: ExportOptions) -> svgwrite.Drawing:
         drawing.defs.add(drawing.clipPath(id="canvas")).add(drawing.rect((x, y), size))
     if options.classes:
         drawing.defs.add(drawing.style(_rules(plan, options)))
-    for number, layer in enumerate(plan.layers, start=1):
-        drawing.add(_group(layout, layer, number, options))
+    kinds = zip(plan.layers, transparent_layers(plan), strict=True)
+    for number, (layer, filters) in enumerate(kinds, start=1):
+        drawing.add(_group(layout, layer, number, options, filters))
     return drawing
 
 
@@ -154,7 +156,7 @@ class _LayerGroup(svgwrite.container.Group):  # type: ignore[misc]
         return xml
 
 
-def _group(layout: Layout, layer: Layer, number: int, options: ExportOptions) -> _LayerGroup:
+def _group(layout: Layout, layer: Layer, number: int, options: ExportOptions, filters: bool) -> _LayerGroup:
     widths = np.unique(layout.widths[layer.first : layer.last])
     ends = {"stroke_linecap": layer.cap, "stroke_linejoin": "round"}
     group = _LayerGroup(id=f"layer{number}", fill="none", debug=False, **ends)
@@ -166,6 +168,8 @@ def _group(layout: Layout, layer: Layer, number: int, options: ExportOptions) ->
     group.attribs["inkscape:groupmode"] = "layer"
     group.attribs["inkscape:label"] = _text(layer.name)
     group.attribs["strokeplan:medium"] = layer.medium
+    if filters:
+        group.attribs["style"] = "mix-blend-mode:multiply"
     group.add(_Mark())
     return group
 
@@ -251,7 +255,7 @@ def _own_attributes(
     angled = np.zeros(len(plan), np.bool_)
     if plan.angles is not None:
         angled = ~np.isnan(plan.angles[plan.first_knots[:-1]])
-    named = np.array([pen is not None for pen in plan.pens]) if plan.pens is not None else angled
+    named = np.array([pen is not None for pen in plan.pens], np.bool_) if plan.pens is not None else angled
     curves = iter(_path_data(*_chosen(layout, filled), unit))
     knots = plan.first_knots.tolist()
     for i in np.flatnonzero(filled | angled | named).tolist():

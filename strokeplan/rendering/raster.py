@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import InputError
+from strokeplan.pens import transparent_layers
 from strokeplan.rendering.brushes import Brush, as_brush
 from strokeplan.rendering.ground import Background, Ground, as_ground
 from strokeplan.rendering.nibs import Round
@@ -56,11 +57,11 @@ def render(
 ) -> NDArray[np.uint8]:
     """Paint the plan as a (h, w, 3) uint8 sRGB picture, or (h, w, 4) with a transparent background.
 
-    Give one of `width` or `height` (pixels; the other follows) or `scale` (1 = the canvas's own size,
-    the default). `region` is x, y, width, height in units of the canvas: only that is shown, and sizes are
-    its own. `brush` is a brush or its text, "bristle:hairs=40"; `background` a colour ("#faf0e6", "teal",
-    (250, 240, 230)), "transparent", a picture file or array laid over the canvas, or None for the plan's own;
-    `layers` names or numbers from 1, "2-4" for a range. The pixels do not depend on `threads`.
+    Give one of `width` or `height` (pixels; the other follows) or `scale` (1 = the canvas's own size, the default; of
+    a pen drawing on paper that is 300 dots an inch). `region` is x, y, width, height in units of the canvas: only
+    that is shown, and sizes are its own. `brush` is a brush or its text, "bristle:hairs=40"; `background` a colour
+    ("#faf0e6", "teal", (250, 240, 230)), "transparent", a picture file or array laid over the canvas, or None for the
+    plan's own; `layers` names or numbers from 1, "2-4" for a range. The pixels do not depend on `threads`.
 
     Raises InputError for a size that is no size or beyond memory, MissingExtraError without Pycairo.
     """
@@ -205,17 +206,37 @@ class Job:
         """The tile whose corner is there, as far as the canvas goes."""
         right, bottom = min(left + TILE_COLUMNS, self.view.columns), min(top + TILE_ROWS, self.view.rows)
         finer = self._finer
-        surface = Surface(finer * (right - left), finer * (bottom - top), self.ground.color)
+        size = finer * (right - left), finer * (bottom - top)
+        surface = self._surface(*size, self.ground.color)
         self.ground.lay(surface, finer * left, finer * top, self.view, finer)
-        if not self.antialias:
-            surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
         boxes = self._boxes
         touching = (boxes[2] > left) & (boxes[3] > top) & (boxes[0] < right) & (boxes[1] < bottom)
         if np.any(touching):
             scale_x, scale_y = self.view.scales(self.plan)
-            tile = Tile(surface, finer * left, finer * top, finer * scale_x, finer * scale_y)
-            self.brush.paint(tile, self.plan, self.strokes[touching])
+            place = finer * left, finer * top, finer * scale_x, finer * scale_y
+            for filters, strokes in self._sheets(self.strokes[touching]):
+                sheet = self._surface(*size, None) if filters else surface
+                self.brush.paint(Tile(sheet, *place), self.plan, strokes)
+                if filters:  # ink on the same ink is no darker, on another it is
+                    surface.multiply(sheet)
         return surface.picture(finer)
+
+    def _surface(self, width: int, height: int, background: tuple[int, int, int] | None) -> Surface:
+        surface = Surface(width, height, background)
+        if not self.antialias:
+            surface.context.set_antialias(require_cairo().ANTIALIAS_NONE)
+        return surface
+
+    def _sheets(self, strokes: NDArray[np.int64]) -> Iterator[tuple[bool, NDArray[np.int64]]]:
+        """The strokes by what they are painted on: the picture, or for a layer of transparent ink a sheet over it."""
+        kinds = transparent_layers(self.plan)
+        if not any(kinds):
+            yield False, strokes
+            return
+        for filters, layer in zip(kinds, self.plan.layers, strict=True):
+            first, last = np.searchsorted(strokes, (layer.first, layer.last))
+            if first < last:
+                yield filters, strokes[first:last]
 
 
 def processors() -> int:

@@ -70,6 +70,15 @@ class Surface:
         strides = (self._surface.get_stride(), 4, 1)
         return np.ndarray((rows, columns, 4), np.uint8, self._surface.get_data(), strides=strides)
 
+    def multiply(self, sheet: Surface) -> None:
+        """Lay a transparent surface over this one, as a filter: colours multiply."""
+        self.context.save()
+        self.context.identity_matrix()
+        self.context.set_source_surface(sheet._surface)
+        self.context.set_operator(require_cairo().OPERATOR_MULTIPLY)
+        self.context.paint()
+        self.context.restore()
+
     def touched(self) -> None:
         """Tell Cairo that `pixels` were written to."""
         self._surface.mark_dirty()

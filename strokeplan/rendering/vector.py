@@ -19,6 +19,7 @@ import numpy as np
 from strokeplan.formats.layout import Layout, lay_out
 from strokeplan.formats.options import DEFAULTS, ExportOptions
 from strokeplan.page import MM_PER_INCH, PX_PER_INCH
+from strokeplan.pens import transparent_layers
 from strokeplan.rendering.surface import require_cairo
 from strokeplan.strokes import StrokePlan
 
@@ -48,7 +49,7 @@ def encode_vector(plan: StrokePlan, kind: Kind, options: ExportOptions = DEFAULT
     if options.clip:
         context.clip_preserve()
     context.fill()
-    _draw(context, layout, scale, options)
+    _draw(context, layout, scale, options, kind)
     surface.finish()
     # PostScript is dated by Cairo, PDF only if asked.
     return (
@@ -70,7 +71,7 @@ def _surface(cairo: Any, stream: io.BytesIO, kind: Kind, size: tuple[float, floa
     return surface
 
 
-def _draw(context: Any, layout: Layout, scale: float, options: ExportOptions) -> None:
+def _draw(context: Any, layout: Layout, scale: float, options: ExportOptions, kind: Kind) -> None:
     """Lay every stroke, in order."""
     cairo, plan = require_cairo(), layout.plan
     chains, ends, filled = layout.outlined(TOLERANCE_PT / scale, every=options.outline)
@@ -78,7 +79,10 @@ def _draw(context: Any, layout: Layout, scale: float, options: ExportOptions) ->
     starts, colors, widths = ends.tolist(), (plan.colors / 255).tolist(), layout.widths.tolist()
     closed = filled.tolist()
     context.set_line_join(cairo.LINE_JOIN_ROUND)
-    for layer in plan.layers:
+    filtering = transparent_layers(plan) if kind == "pdf" else [False] * len(plan.layers)  # PostScript cannot
+    for layer, filters in zip(plan.layers, filtering, strict=True):
+        if filters:
+            context.push_group()
         context.set_line_cap(cairo.LINE_CAP_BUTT if layer.cap == "butt" else cairo.LINE_CAP_ROUND)
         strokes = range(layer.first, layer.last)
         for i, first, last in zip(
@@ -94,3 +98,8 @@ def _draw(context: Any, layout: Layout, scale: float, options: ExportOptions) ->
             else:
                 context.set_line_width(widths[i])
                 context.stroke()
+        if filters:
+            context.pop_group_to_source()
+            context.set_operator(cairo.OPERATOR_MULTIPLY)
+            context.paint()
+            context.set_operator(cairo.OPERATOR_OVER)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import InputError
-from strokeplan.strokes import StrokePlan
+from strokeplan.strokes import StrokePlan, unit_mm
 
 MAX_SIDE = 300_000
 """Pixels that a side of a picture may have: 25 metres at 300 dpi."""
@@ -23,6 +23,8 @@ MAX_CANVAS = 2_000_000
 """Pixels that the whole canvas may have a side where a region of it is shown; Cairo counts up to 8 million."""
 MM = {"mm": 1.0, "cm": 10.0, "in": 25.4}
 """Lengths on paper, in millimetres."""
+DOTS_A_MM = 300 / MM["in"]
+"""Of pictures of pen drawings, unless another size is asked for."""
 Region = tuple[float, float, float, float]
 """x, y, width, height in units of the canvas."""
 
@@ -53,7 +55,7 @@ def view(
 ) -> View:
     """The pixels of a picture of the plan, or of a region of it, given one of its sides or its scale."""
     x, y, wide, tall = (0.0, 0.0, plan.width, plan.height) if region is None else _inside(plan, region)
-    factor = _factor(wide, tall, width=width, height=height, scale=scale)
+    factor = _factor(plan, wide, tall, width=width, height=height, scale=scale)
     check_sides(wide * factor, tall * factor)
     whole = plan.width * factor, plan.height * factor
     if max(whole) > MAX_CANVAS:
@@ -73,8 +75,8 @@ def _pixels(start: float, length: float, count: int, side: float, factor: float)
     return min(max(round(start * count / side), 0), count - wanted), wanted
 
 
-def _factor(wide: float, tall: float, **sizes: float | None) -> float:
-    """Pixels per unit, from the one size that is given."""
+def _factor(plan: StrokePlan, wide: float, tall: float, **sizes: float | None) -> float:
+    """Pixels per unit, from the one size that is given; else 1, or 300 dots an inch of a pen drawing."""
     given = {name: value for name, value in sizes.items() if value is not None}
     if len(given) > 1:
         raise InputError(f"give one of width, height and scale, not {' and '.join(given)}")
@@ -82,7 +84,8 @@ def _factor(wide: float, tall: float, **sizes: float | None) -> float:
         if not (isfinite(value) and value > 0):
             raise InputError(f"{name} {value:g} is no size; give more than 0")
         return value / {"width": wide, "height": tall, "scale": 1.0}[name]
-    return 1.0
+    unit = unit_mm(plan)
+    return 1.0 if unit is None else unit * DOTS_A_MM
 
 
 def check_sides(columns: float, rows: float) -> None:
