@@ -32,7 +32,7 @@ from strokeplan import budget, ink, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError, StrokeplanWarning
 from strokeplan.field import Orientation, OrientationField, submit_field
-from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab
+from strokeplan.image import LUMA, Photo, as_photo, grey, hue, lab, load_photo
 from strokeplan.importance import check_mask, importance_map, load_mask, segments
 from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
 from strokeplan.merging import merge
