@@ -13,8 +13,10 @@ demo: .venv/demo
 	$(BIN)/strokeplan plan samples/coffee.jpg -o $(DEMO).json -o $(DEMO).svg \
 		$$($(BIN)/python -c 'import cairo' 2>/dev/null && echo -o $(DEMO).png)
 
+# Kernels first: processes that test side by side would each compile them.
 test: .venv/dev lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -c 'from strokeplan.planner import warm_up; warm_up()'
+	$(BIN)/python -m pytest -n auto
 
 lint: .venv/dev
 	$(BIN)/ruff check .

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.hatching import STEP_MM
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.linework import NO_LINES, Lines
 from strokeplan.tractography import sample
 
@@ -61,6 +61,11 @@ def dash(
         width_mm, order, np.array(LEVELS), np.zeros_like(demand), points, starts,
     )  # fmt: skip
     return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
+
+
+def compiled() -> bool:
+    """Whether the kernel is in Numba's cache."""
+    return is_cached(_dash)
 
 
 @kernel

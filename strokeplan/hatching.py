@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.linework import NO_LINES, Lines
 from strokeplan.tractography import sample
 
@@ -82,6 +82,11 @@ def _origins(separation: NDArray[np.float32], pixel_mm: float) -> NDArray[np.flo
     order = order[middles.ravel()[order] > 0]
     i, j = np.divmod(order, middles.shape[1])
     return np.stack([(j * cell + cell // 2 + 0.5) * pixel_mm, (i * cell + cell // 2 + 0.5) * pixel_mm], axis=1)
+
+
+def compiled() -> bool:
+    """Whether the kernel is in Numba's cache."""
+    return is_cached(_hatch)
 
 
 @kernel

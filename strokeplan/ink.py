@@ -25,13 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from strokeplan import dashes, hatching, mending
 from strokeplan.coverage import cover
 from strokeplan.dashes import dash
 from strokeplan.errors import InputError
 from strokeplan.field import OrientationField, orientation_field
 from strokeplan.hatching import hatch
 from strokeplan.image import Photo, grey
-from strokeplan.ink_presets import InkPreset, InkRecipe
+from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
 from strokeplan.linework import NO_LINES, Lines, chains, joined
 from strokeplan.mending import mend
 from strokeplan.page import Page, Placement
@@ -110,6 +111,20 @@ def draw(photo: Photo, recipe: InkRecipe, *, budgets: Sequence[Budget] = ()) -> 
         return _assemble(drawn, photo, recipe, pens, page, sheet)
 
     return _within(with_less, limits)
+
+
+def compiled() -> bool:
+    """Whether the kernels are in Numba's cache; if not, the first drawing compiles them."""
+    return hatching.compiled() and dashes.compiled() and mending.compiled()
+
+
+def warm_up() -> None:
+    """Compile every kernel, or load it if it is cached, by the drawing of a few pixels."""
+    shades = np.linspace(0, 255, 48, dtype=np.uint8)
+    picture = np.repeat(np.tile(shades, (48, 1))[..., None], 3, axis=2)
+    recipe = find_ink("engraving")
+    assert recipe is not None  # noqa: S101 (it ships)
+    draw(Photo(picture), recipe._replace(page=Page(30.0, 30.0, 2.0)))
 
 
 def length_mm(plan: StrokePlan) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from strokeplan.dashes import follow
 from strokeplan.hatching import STEP_MM
-from strokeplan.jit import kernel, leaf
+from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.linework import Lines
 
 LEAST_LIGHTER = 1.5
@@ -54,6 +54,11 @@ def mend(
         np.zeros_like(light), points, starts,
     )  # fmt: skip
     return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
+
+
+def compiled() -> bool:
+    """Whether the kernel is in Numba's cache."""
+    return is_cached(_mend)
 
 
 @kernel

@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import typer
 
@@ -82,14 +83,13 @@ def painting_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, rows: bar.update(task, completed=done, total=rows)
 
 
-def compile_kernels() -> None:
-    """Compile the kernels, and say so, unless that has been done on this machine."""
-    from strokeplan.planner import compiled, warm_up
-
-    if not compiled():
+def compile_kernels(stage: Literal["planner", "ink"] = "planner") -> None:
+    """Compile the kernels of painting or drawing, and say so, unless that has been done on this machine."""
+    module = import_module(f"strokeplan.{stage}")
+    if not module.compiled():
         typer.echo("compiling the kernels for this machine, once: some twenty seconds", err=True)
         # In a thread, because the compiler hears no Ctrl-C for seconds, and waiting does.
-        compiler = Thread(target=warm_up, daemon=True)
+        compiler = Thread(target=module.warm_up, daemon=True)
         compiler.start()
         compiler.join()
 

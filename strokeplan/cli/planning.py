@@ -168,6 +168,7 @@ def _draw(image: Path, recipe: InkRecipe, output: list[Path], quiet: bool, began
     photo = load_photo(image)
     from strokeplan import ink
 
+    compile_kernels("ink")
     drawing = ink.draw(photo, recipe)
     formats.save_all(drawing, output)
     if not quiet:
