@@ -213,7 +213,8 @@ def test_linked_image_is_found_beside_the_copy_or_the_document(
     ],
 )
 def test_image_that_cannot_be_had_is_one_line_and_no_document(href: str, complaint: str, tmp_path: Path) -> None:
-    ended = run(document(tmp_path, f'width="12" height="8" xlink:href="{href}"'))
+    installed = inkscape.install(tmp_path / "extensions")[1]  # beside which it is said how strokeplan is called
+    ended = run(document(tmp_path, f'width="12" height="8" xlink:href="{href}"'), script=installed)
     assert ended.returncode != 0
     assert complaint in ended.stderr
     assert len(ended.stderr.strip().splitlines()) == 1
