@@ -81,45 +81,6 @@ def paint_chain(
 
 
 @leaf
-def paint_once(
-    canvas: Packed,
-    mark: int,
-    spans: NDArray[np.int32],
-    chain: NDArray[np.float64],
-    at: int,
-    pieces: int,
-    width: float,
-    round_cap: bool,
-    colour: np.uint32,
-) -> None:
-    """`paint_chain` in less time for a wide brush, whose edges cover the same pixels many times over.
-
-    `spans` (rows, 3) is room to remember what is painted already, of which no row ends in `mark`.
-    """
-    radius = 0.5 * width
-    tolerance = max(FLATTEN_PX, FLATTEN_SHARE * width)
-    ax, ay = chain[at, 0], chain[at, 1]
-    round_a = round_cap
-    for piece in range(pieces):
-        c = at + 3 * piece
-        n = subdivisions(chain, c, tolerance)
-        for k in range(1, n + 1):
-            bx, by = point(chain, c, k / n)
-            round_b = round_cap or k < n or piece < pieces - 1
-            top, bottom = _edge_rows(canvas.shape[0], ay, by, radius)
-            dx, dy, length = _edge_direction(ax, ay, bx, by)
-            for i in range(top, bottom):
-                first, last = _edge_span(canvas.shape[1], i, ax, ay, bx, by, dx, dy, length, radius, round_a, round_b)
-                if first < last:
-                    left, right = _unseen(spans, mark, i, first, last)
-                    for j in range(first, left):
-                        canvas[i, j] = colour
-                    for j in range(right, last):
-                        canvas[i, j] = colour
-            ax, ay, round_a = bx, by, False
-
-
-@leaf
 def footprint(
     stamp: NDArray[np.int32],
     mark: int,
@@ -134,7 +95,8 @@ def footprint(
     """Write the pixels (row, column) that `paint_chain` would paint to `pixels`, each once; return how many.
 
     `stamp` is an image of numbers of which none is `mark`; the footprint's pixels get it. What does not fit into
-    `pixels` is left out. For `spans` see `paint_once`.
+    `pixels` is left out. `spans` (rows, 3) is room to remember the spans that a wide brush,
+    whose edges cover the same pixels many times over, has had already; no row of it ends in `mark`.
     """
     radius = 0.5 * width
     tolerance = max(FLATTEN_PX, FLATTEN_SHARE * width)

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.canvas import Packed, footprint, mean_distance, paint_once
+from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
@@ -438,8 +438,7 @@ class Pursuit:
         """Which stroke shows in some rows of a picture painted at `scale` times the size; their count for none."""
         numbers = np.full((scale * (rows.stop - rows.start), scale * self.photo.shape[1]), len(counts), np.uint32)
         chain = np.empty((int(counts.max(initial=0)), 2))
-        spans = np.full((len(numbers), 3), -1, np.int32)
-        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, chain, spans)
+        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, chain)
         return numbers
 
     def limit(self, most: int) -> None:
@@ -1086,7 +1085,6 @@ def _paint_numbers(
     bottom: int,
     scale: int,
     chain: NDArray[np.float64],
-    spans: NDArray[np.int32],
 ) -> None:
     """Paint the number of every stroke where it shows in rows top … bottom − 1, at `scale` times the size."""
     first = 0
@@ -1098,7 +1096,7 @@ def _paint_numbers(
         if low - width < bottom and high + width > top:
             for k in range(count):
                 chain[k, 0], chain[k, 1] = scale * points[first + k, 0], scale * (points[first + k, 1] - top)
-            paint_once(numbers, stroke, spans, chain, 0, count // 3, scale * width, round_cap, np.uint32(stroke))
+            paint_chain(numbers, chain, 0, count // 3, scale * width, round_cap, np.uint32(stroke))
         first += count
 
 
