@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -38,8 +38,11 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise OutputError if `path` cannot become a file: known before the work rather than after it."""
+def check_writable(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) -> None:
+    """Raise OutputError if `path` cannot become a file, or is one of the `inputs` that the work starts from.
+
+    Known before the work rather than after it.
+    """
     path = Path(path)
     try:
         if path.is_dir():
@@ -50,6 +53,10 @@ def check_writable(path: str | os.PathLike[str]) -> None:
             raise OutputError(f"{path}: no permission to write there")
     except OSError as error:  # a name too long, a folder that cannot be looked into
         raise OutputError(f"{path}: cannot be written ({error.strerror})") from None
+    for source in inputs:
+        with suppress(OSError):  # one of them does not exist
+            if path.samefile(source):
+                raise OutputError(f"{path}: is what the work starts from; give another name")
 
 
 def _mode(path: Path) -> int:

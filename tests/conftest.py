@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import shutil
 from pathlib import Path
 
@@ -52,3 +53,12 @@ def small_plan(small_picture: NDArray[np.uint8]) -> StrokePlan:
         {"layers.1.width": 20, "layers.1.sigma": 4, "layers.2.width": 10, "layers.2.sigma": 2}
     )
     return strokeplan.plan(small_picture, preset, seed=7)
+
+
+def heard(terminal: int) -> bytes:
+    """What the other end of a terminal says next; nothing once it is closed."""
+    assert select.select([terminal], [], [], 120)[0], "the command hangs"
+    try:
+        return os.read(terminal, 4096)
+    except OSError:  # Linux's way to say that it is closed
+        return b""

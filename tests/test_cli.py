@@ -11,7 +11,6 @@ import io
 import json
 import os
 import pty
-import select
 import signal
 import struct
 import subprocess
@@ -26,6 +25,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from conftest import heard
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -1005,12 +1005,3 @@ def test_ctrl_c_ends_a_run_at_once_and_leaves_no_file(
     assert shown.decode().splitlines()[-1].endswith("error: interrupted; no file was left half written")
     assert b"Traceback" not in shown
     assert set(contents(folder)) == before
-
-
-def heard(terminal: int) -> bytes:
-    """What the other end of a terminal says next; nothing once it is closed."""
-    assert select.select([terminal], [], [], 120)[0], "the command hangs"
-    try:
-        return os.read(terminal, 4096)
-    except OSError:  # Linux's way to say that it is closed
-        return b""

@@ -70,8 +70,8 @@ def begin(work: Callable[..., Result], *arguments: object) -> Future[Result]:
 
 
 @contextmanager
-def painting_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A progress callback (rows done, rows in all) for a picture; None where nobody looks."""
+def painting_bar(quiet: bool, what: str = "painting") -> Iterator[Callable[..., None] | None]:
+    """A progress callback (how much is done, and of how much if not of 1) for a picture; None where nobody looks."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -79,8 +79,8 @@ def painting_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
     from rich.progress import Progress as Bar
 
     with Bar(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("painting")
-        yield lambda done, rows: bar.update(task, completed=done, total=rows)
+        task = bar.add_task(what)
+        yield lambda done, total=1.0: bar.update(task, completed=done, total=total)
 
 
 def compile_kernels(stage: Literal["planner", "ink"] = "planner") -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from strokeplan.cli.console import echo_written
+from strokeplan.cli.console import echo_written, painting_bar
 from strokeplan.cli.options import PlanArgument, QuietOption
 
 
@@ -35,7 +32,7 @@ def preview(
 
     strokes = formats.load(plan)
     if video is not None:
-        with _bar(quiet) as progress:
+        with painting_bar(quiet, "time lapse") as progress:
             save_time_lapse(strokes, video, seconds=seconds, fps=fps, width=width, progress=progress)
     if output is not None:
         save_page(strokes, output)
@@ -47,7 +44,7 @@ def preview(
 
 def _check_targets(plan: Path, output: Path | None, video: Path | None, open_page: bool) -> None:
     """Raise now what writing would raise later."""
-    from strokeplan.errors import InputError, OutputError
+    from strokeplan.errors import InputError
     from strokeplan.files import check_writable
     from strokeplan.preview import check_page, check_time_lapse
     from strokeplan.rendering import require_cairo
@@ -62,23 +59,7 @@ def _check_targets(plan: Path, output: Path | None, video: Path | None, open_pag
         require_cairo()
         check_time_lapse(video)
     for path in filter(None, (output, video)):
-        check_writable(path)
-        if path.exists() and plan.exists() and path.samefile(plan):
-            raise OutputError(f"{path}: is what the work starts from; give another name")
-
-
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Callable[[float], None] | None]:
-    """A progress callback that shows how much of the time lapse is done; None where nobody looks."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("time lapse", total=1.0)
-        yield lambda done: bar.update(task, completed=done)
+        check_writable(path, plan)
 
 
 def _open(page: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import os
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -141,11 +140,7 @@ def check_target(path: str | os.PathLike[str], *inputs: str | os.PathLike[str]) 
     require = writer(path).require
     if require is not None:
         require()
-    check_writable(path)
-    for source in inputs:
-        with suppress(OSError):  # one of them does not exist
-            if Path(path).samefile(source):
-                raise OutputError(f"{path}: is what the work starts from; give another name")
+    check_writable(path, *inputs)
 
 
 def check_canvas(paths: Sequence[str | os.PathLike[str]], width: int, height: int) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import select
 import signal
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import heard
 
 from strokeplan.errors import OutputError
 from strokeplan.strokes import StrokePlan
@@ -74,15 +74,6 @@ def test_ctrl_c_leaves_the_old_picture(
     assert shown.decode().splitlines()[-1].endswith("error: interrupted; no file was left half written")
     assert b"Traceback" not in shown
     assert untouched(folder)
-
-
-def heard(terminal: int) -> bytes:
-    """What the other end of a terminal says next; nothing once it is closed."""
-    assert select.select([terminal], [], [], 120)[0], "the command hangs"
-    try:
-        return os.read(terminal, 4096)
-    except OSError:  # Linux's way to say that it is closed
-        return b""
 
 
 def test_a_disk_that_is_full_half_way_leaves_the_old_picture(folder: Path) -> None:
