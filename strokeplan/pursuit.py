@@ -280,7 +280,8 @@ class Pursuit:
         if rules.cover:
             self.error[self.ids < 0] = BARE
         strips = list(self._strips(brush, rules))
-        known = self.strokes
+        before, layer = self.strokes, len(self.layers)
+        known = before
         kept: list[Laid] = []
         tell(0, len(strips), 0)
         for phase in (strips[::2], strips[1::2]):
@@ -291,8 +292,8 @@ class Pursuit:
                 self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))  # noqa: B023
                 known = int(final[-1])
             kept += laid
-            tell(len(kept), len(strips), known - self.strokes)
-        self.layers.append(LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True))))
+            self.layers[layer:] = [LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True)))]
+            tell(len(kept), len(strips), known - before)
         self.refit()
 
     def _strips(self, brush: Brush, rules: Rules) -> Iterator[Strip]:
