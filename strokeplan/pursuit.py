@@ -196,6 +196,9 @@ class Pursuit:
     layers: list[LayerStrokes]
     workers: Workers
     marks: int = 0
+    near: list[NDArray[np.uint32]] | None = None
+    """What `look_closely` saw in every band, while the strokes that were there then still are what they were."""
+    near_strokes: int = 0
 
     @classmethod
     def begin(
@@ -334,10 +337,12 @@ class Pursuit:
         """Measure the error as an antialiased picture has it, in which seams between strokes show what lies below."""
         shown, seen = self._with_background(), self._closely()
 
-        def measure(_: int, rows: slice) -> None:
-            _compare(self.photo[rows], self.weight[rows], seen(rows), shown, self.error[rows])
+        def measure(band: int, rows: slice) -> NDArray[np.uint32]:
+            numbers = seen(band, rows)
+            _compare(self.photo[rows], self.weight[rows], numbers, shown, self.error[rows])
+            return numbers
 
-        self._by_bands(measure)
+        self.near, self.near_strokes = self._by_bands(measure), self.strokes
 
     def finish(self, spare: float | None = None) -> Packed:
         """Drop strokes that nobody sees, give the others the colours that suit best together; return the picture.
@@ -346,7 +351,7 @@ class Pursuit:
         the colour that is wanted there.
         """
         seen, n = self._closely(), self.strokes
-        numbers = self._by_bands(lambda _, rows: seen(rows))
+        numbers = self._by_bands(seen)
         colours = np.stack([self._with_background() >> shift & 255 for shift in (16, 8, 0)], axis=-1).astype(np.float64)
         for _ in range(SOLVES):
             parts = np.zeros((len(numbers), n + 1, 4))
@@ -422,10 +427,20 @@ class Pursuit:
         """(n + 1,) packed colours of all strokes, and of the canvas."""
         return np.append(self.colours, np.uint32(self.background))
 
-    def _closely(self) -> Callable[[slice], NDArray[np.uint32]]:
-        """What tells which stroke shows where in some rows of the picture, painted at twice the size."""
-        outlines = self._outlines()
-        return lambda rows: self._number(*outlines, rows, 2)
+    def _closely(self) -> Callable[[int, slice], NDArray[np.uint32]]:
+        """What tells which stroke shows where in a band of the picture, painted at twice the size; their count for
+        none. Strokes that `look_closely` has seen are not painted again."""
+        points, counts, widths = self._outlines()
+        near, known = self.near, self.near_strokes if self.near else 0
+        outlines = points[counts[:known].sum() :], counts[known:], widths[known:]
+
+        def seen(band: int, rows: slice) -> NDArray[np.uint32]:
+            if near is None:
+                return self._number(*outlines, rows, 2)
+            near[band][near[band] == known] = len(counts)
+            return self._number(*outlines, rows, 2, known, near[band])
+
+        return seen
 
     def _number(
         self,
@@ -434,11 +449,15 @@ class Pursuit:
         widths: NDArray[np.float64],
         rows: slice,
         scale: int,
+        first: int = 0,
+        below: NDArray[np.uint32] | None = None,
     ) -> NDArray[np.uint32]:
-        """Which stroke shows in some rows of a picture painted at `scale` times the size; their count for none."""
-        numbers = np.full((scale * (rows.stop - rows.start), scale * self.photo.shape[1]), len(counts), np.uint32)
+        """Which stroke, numbered from `first` on, shows in some rows of a picture painted at `scale` times the size,
+        over what is `below`; without that, their count for none."""
+        size = scale * (rows.stop - rows.start), scale * self.photo.shape[1]
+        numbers = np.full(size, len(counts), np.uint32) if below is None else below
         chain = np.empty((int(counts.max(initial=0)), 2))
-        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, chain)
+        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, first, chain)
         return numbers
 
     def limit(self, most: int) -> None:
@@ -480,6 +499,7 @@ class Pursuit:
         merged = merge_strokes(self.layers[-1], brush, alike)
         if len(merged.counts) < len(self.layers[-1].counts):
             self.layers[-1] = merged
+            self.near = None
             self._look_below()
 
     def thin(self, least: float) -> None:
@@ -495,6 +515,7 @@ class Pursuit:
         self.refit()
 
     def _leave_out(self, drop: NDArray[np.bool_]) -> None:
+        self.near = None
         for layer, dropped in zip(self.layers, self._by_layer(drop), strict=True):
             layer.points = layer.points[np.repeat(~dropped, layer.counts)]
             layer.counts, layer.widths, layer.colours = (
@@ -1084,9 +1105,11 @@ def _paint_numbers(
     top: int,
     bottom: int,
     scale: int,
+    number: int,
     chain: NDArray[np.float64],
 ) -> None:
-    """Paint the number of every stroke where it shows in rows top … bottom − 1, at `scale` times the size."""
+    """Paint the number of every stroke, from `number` on, where it shows in rows top … bottom − 1, at `scale` times
+    the size."""
     first = 0
     for stroke in range(len(counts)):
         count, width = counts[stroke], widths[stroke]
@@ -1096,7 +1119,7 @@ def _paint_numbers(
         if low - width < bottom and high + width > top:
             for k in range(count):
                 chain[k, 0], chain[k, 1] = scale * points[first + k, 0], scale * (points[first + k, 1] - top)
-            paint_chain(numbers, chain, 0, count // 3, scale * width, round_cap, np.uint32(stroke))
+            paint_chain(numbers, chain, 0, count // 3, scale * width, round_cap, np.uint32(number + stroke))
         first += count
 
 
