@@ -35,7 +35,7 @@ from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
-from strokeplan.tractography import splitmix64, trace, tract_capacity, uniform
+from strokeplan.tractography import Course, depart, splitmix64, tract_capacity, travel, uniform
 
 Result = TypeVar("Result")
 
@@ -754,13 +754,16 @@ def _try(
         first, last = 0, 2
     else:
         first, last = 0, 0
+        course = Course(
+            scene.samples, scene.scale, columns, rows, brush.coherence, brush.step_tolerance, brush.max_step,
+            brush.aligned, brush.wander, BEND_WIDTHS * brush.width,
+            splitmix64(scene.key, np.uint64(i * columns + j)),
+        )  # fmt: skip
+        reach = brush.length * (0.5 if brush.both_ways else 1.0)
+        ahead, back = depart(course, j + 0.5, i + 0.5, brush.both_ways, tract)
         for look in range(2) if rules.by_gain else range(1, 2):
-            first, last = trace(
-                scene.samples, scene.scale, columns, rows, j + 0.5, i + 0.5,
-                brush.length * (FIRST_LOOK if look == 0 else 1.0), brush.coherence,
-                brush.step_tolerance, brush.max_step, brush.both_ways, brush.aligned, brush.wander,
-                BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(i * columns + j)), tract,
-            )  # fmt: skip
+            part = FIRST_LOOK if look == 0 else 1.0
+            first, last, ahead, back = travel(course, ahead, back, part * reach, tract)
             first, last = _within_bounds(scene, rules, tract, first, last)
             if rules.by_gain and last - first > 1:
                 begin, end = first, last
