@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.field import OrientationField
-from strokeplan.jit import leaf
+from strokeplan.jit import inlined, leaf
 
 STEP_TOLERANCE_PX = 0.05
 """Default largest estimated error of one accepted step. With it the tracts of rings of radius 10 px and
@@ -202,13 +202,13 @@ def travel(
     return back.at, ahead.at + 1, ahead if ahead.free else sure_ahead, back if back.free else sure_back
 
 
-@leaf
+@inlined
 def _goes_on(way: Way, reach: float, points: NDArray[np.float64], stride: int) -> bool:
     end = points.shape[0] - 1 if stride > 0 else 0
     return way.goes and way.travelled < reach and way.at != end
 
 
-@leaf
+@inlined
 def _both_onward(
     course: Course, ahead: Way, back: Way, reach: float, points: NDArray[np.float64]
 ) -> tuple[Way, Way]:
@@ -228,7 +228,7 @@ def _both_onward(
     )
 
 
-@leaf
+@inlined
 def _onward(course: Course, way: Way, reach: float, points: NDArray[np.float64], stride: int) -> Way:
     """A way after one step more is tried; its point goes to points[way.at + stride], with stride ±1."""
     step = min(way.step, reach - way.travelled)
@@ -239,7 +239,7 @@ def _onward(course: Course, way: Way, reach: float, points: NDArray[np.float64],
     return _arrived(course, way, step, reach, k2x, k2y, k3x, k3y, nx, ny, ux, uy, coherence, points, stride)
 
 
-@leaf
+@inlined
 def _stage(
     course: Course, way: Way, step: float, part: float, kx: float, ky: float, stride: int
 ) -> tuple[float, float]:
@@ -250,7 +250,7 @@ def _stage(
     return _deviated(ux, uy, coherence, course.wander, course.bend, course.key, s)
 
 
-@leaf
+@inlined
 def _landing(way: Way, step: float, k2x: float, k2y: float, k3x: float, k3y: float) -> tuple[float, float]:
     return (
         way.x + step * (2.0 * way.kx + 3.0 * k2x + 4.0 * k3x) / 9.0,
@@ -258,7 +258,7 @@ def _landing(way: Way, step: float, k2x: float, k2y: float, k3x: float, k3y: flo
     )
 
 
-@leaf
+@inlined
 def _arrived(
     course: Course,
     way: Way,
@@ -339,7 +339,7 @@ def _last_valid(
     return bx, by
 
 
-@leaf
+@inlined
 def sample(
     samples: NDArray[np.float32], scale: float, aligned: bool, x: float, y: float, hx: float, hy: float
 ) -> tuple[float, float, float]:
@@ -348,8 +348,9 @@ def sample(
     (0, 0) where the four neighbours cancel. Outside the outermost samples the field is constant.
     """
     rows, cols = samples.shape[0], samples.shape[1]
-    fx = min(max(x / scale - 0.5, 0.0), cols - 1.0)
-    fy = min(max(y / scale - 0.5, 0.0), rows - 1.0)
+    per_px = 1.0 / scale
+    fx = min(max(x * per_px - 0.5, 0.0), cols - 1.0)
+    fy = min(max(y * per_px - 0.5, 0.0), rows - 1.0)
     j0, i0 = max(int(fx), 0), max(int(fy), 0)
     j1, i1 = j0 + (1 if j0 + 1 < cols else 0), i0 + (1 if i0 + 1 < rows else 0)
     tx, ty = fx - j0, fy - i0
@@ -365,7 +366,7 @@ def sample(
     return ux / norm, uy / norm, coherence
 
 
-@leaf
+@inlined
 def _added(
     samples: NDArray[np.float32],
     i: int,
@@ -386,7 +387,7 @@ def _added(
     return ux + weight * vx, uy + weight * vy, coherence
 
 
-@leaf
+@inlined
 def _deviated(
     ux: float, uy: float, coherence: float, wander: float, bend: float, key: np.uint64, s: float
 ) -> tuple[float, float]:
