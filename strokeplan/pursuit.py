@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
-from strokeplan.jit import is_cached, kernel, leaf
+from strokeplan.jit import inlined, is_cached, kernel, leaf
 from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
 from strokeplan.tractography import Course, depart, splitmix64, tract_capacity, travel, uniform
@@ -283,18 +283,16 @@ class Pursuit:
         if rules.cover:
             self.error[self.ids < 0] = BARE
         strips = list(self._strips(brush, rules))
-        known = self.strokes
         kept: list[Laid] = []
         tell(0, len(strips), 0)
         for phase in (strips[::2], strips[1::2]):
-            laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
-            if laid:
-                final = known + np.cumsum([0, *(len(counts) for _, counts, _, _ in laid)])
-                first = np.array([strip.first_id for strip in phase])
-                self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))  # noqa: B023
-                known = int(final[-1])
-            kept += laid
-            tell(len(kept), len(strips), known - self.strokes)
+            kept += workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
+            tell(len(kept), len(strips), sum(len(counts) for _, counts, _, _ in kept))
+        first = np.array([strip.first_id for strip in strips])
+        final = np.empty_like(first)
+        order = [*range(0, len(strips), 2), *range(1, len(strips), 2)]
+        final[order] = self.strokes + np.cumsum([0, *(len(counts) for _, counts, _, _ in kept[:-1])])
+        self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))
         self.layers.append(LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True))))
         self.refit()
 
@@ -803,13 +801,13 @@ def _thinner(width: float, spare: float) -> float:
     return max(width - spare, 0.5 * width)
 
 
-@leaf
+@inlined
 def _shape(strip: Strip, side: float) -> tuple[int, int]:
     """Rows and columns of the cells of a strip."""
     return int(np.ceil((strip.bottom - strip.top) / side)), int(np.ceil((strip.right - strip.left) / side))
 
 
-@leaf
+@inlined
 def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
     """Pixels top, bottom, left, right of a cell."""
     row, column = divmod(cell, _shape(strip, rules.cell)[1])
@@ -824,7 +822,7 @@ def _centre(rules: Rules, strip: Strip, cell: int) -> tuple[int, int]:
     return (top + bottom) // 2, (left + right) // 2
 
 
-@leaf
+@inlined
 def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float, int, int]:
     """Mean of a cell, see Rules.trigger, and its pixel of the largest error."""
     top, bottom, left, right = _window(rules, strip, cell)
@@ -929,7 +927,7 @@ def _length(points: NDArray[np.float64], first: int, last: int) -> float:
     return length
 
 
-@leaf
+@inlined
 def _best_stretch(
     scene: Scene, tract: NDArray[np.float64], first: int, last: int, width: float, sums: NDArray[np.float64]
 ) -> tuple[int, int, float]:
@@ -985,14 +983,14 @@ def _best_stretch(
     return first + best_a, first + best_b + 1, best
 
 
-@leaf
+@inlined
 def _pixel(photo: Packed, weight: NDArray[np.float32], i: int, j: int) -> tuple[float, float, float, float]:
     """Weight, red, green and blue of the photo."""
     value = np.int64(photo[i, j])
     return float(weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
 
 
-@leaf
+@inlined
 def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.uint32]:
     """What a footprint in its best colour takes from the error, and that colour."""
     photo, weight, error = scene.photo, scene.weight, scene.error
@@ -1015,7 +1013,7 @@ def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.ui
     return old - left, colour
 
 
-@leaf
+@inlined
 def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -> np.uint32:
     """The packed colour that stands for a mean of colours."""
     r, g, b = int(red + 0.5), int(green + 0.5), int(blue + 0.5)
@@ -1024,7 +1022,7 @@ def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -
     return np.uint32((r << 16) | (g << 8) | b)
 
 
-@leaf
+@inlined
 def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     """Between two packed colours."""
     x, y = np.int64(a), np.int64(b)
@@ -1032,7 +1030,7 @@ def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     return float(dr * dr + dg * dg + db * db)
 
 
-@leaf
+@inlined
 def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: np.uint32) -> None:
     photo, weight, error, ids, below = scene.photo, scene.weight, scene.error, scene.ids, scene.below
     for k in range(n):
@@ -1045,7 +1043,7 @@ def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: n
 def _renumber(
     ids: NDArray[np.int32], below: NDArray[np.int32], provisional: NDArray[np.int64], final: NDArray[np.int64]
 ) -> None:
-    """Numbers that the strips of a phase gave, from provisional[k] on, become those from final[k] on."""
+    """Numbers that the strips gave, from provisional[k] on, become those from final[k] on."""
     rows, columns = ids.shape
     for i in range(rows):
         for j in range(columns):
