@@ -93,7 +93,9 @@ def plan(
     read = perf_counter() - waiting
     formats.check_canvas(output, photo.width, photo.height)
     compile_kernels()
-    begin(formats.prepare, output)  # while kernels run
+    # While kernels run, for which the other threads of Python need not wait.
+    begin(planner.load_kernels)
+    begin(formats.prepare, output)
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         painted = planner.plan(
