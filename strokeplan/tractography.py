@@ -159,6 +159,7 @@ def depart(course: Course, x: float, y: float, both_ways: bool, points: NDArray[
     samples, scale = course.samples, course.scale
     middle = points.shape[0] // 2
     points[middle, 0], points[middle, 1] = x, y
+    x, y = points[middle, 0], points[middle, 1]  # floats, whatever was given
     rows, cols = samples.shape[0], samples.shape[1]
     j = min(max(int(x / scale), 0), cols - 1)
     i = min(max(int(y / scale), 0), rows - 1)
@@ -171,7 +172,7 @@ def _departing(course: Course, at: int, x: float, y: float, hx: float, hy: float
     ux, uy, coherence = sample(course.samples, course.scale, course.aligned, x, y, hx, hy)
     kx, ky = _deviated(ux, uy, coherence, course.wander, course.bend, course.key, 0.0)
     goes = goes and not (coherence < course.min_coherence or (kx == 0.0 and ky == 0.0))
-    return Way(goes, at, x, y, ux, uy, kx, ky, course.max_step, 0.0, True)
+    return Way(goes, at, x, y, ux, uy, kx, ky, float(course.max_step), 0.0, True)
 
 
 @leaf
@@ -209,9 +210,7 @@ def _goes_on(way: Way, reach: float, points: NDArray[np.float64], stride: int) -
 
 
 @inlined
-def _both_onward(
-    course: Course, ahead: Way, back: Way, reach: float, points: NDArray[np.float64]
-) -> tuple[Way, Way]:
+def _both_onward(course: Course, ahead: Way, back: Way, reach: float, points: NDArray[np.float64]) -> tuple[Way, Way]:
     """`_onward` on both ways, stage by stage."""
     step_a, step_b = min(ahead.step, reach - ahead.travelled), min(back.step, reach - back.travelled)
     a2x, a2y = _stage(course, ahead, step_a, 0.5, ahead.kx, ahead.ky, 1)
@@ -289,9 +288,7 @@ def _arrived(
     inside = 0.0 <= nx <= course.width and 0.0 <= ny <= course.height
     ends = not inside or coherence < course.min_coherence
     if ends:
-        nx, ny = _last_valid(
-            course, way.x, way.y, way.kx * step, way.ky * step, nx, ny, k4x * step, k4y * step
-        )
+        nx, ny = _last_valid(course, way.x, way.y, way.kx * step, way.ky * step, nx, ny, k4x * step, k4y * step)
         if not (nx - way.x) ** 2 + (ny - way.y) ** 2 > 1e-4:
             return Way(False, at, way.x, way.y, way.ux, way.uy, way.kx, way.ky, step, way.travelled, free)
     at += stride
