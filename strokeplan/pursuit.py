@@ -283,17 +283,20 @@ class Pursuit:
         if rules.cover:
             self.error[self.ids < 0] = BARE
         strips = list(self._strips(brush, rules))
+        before, layer = self.strokes, len(self.layers)
+        known = before
         kept: list[Laid] = []
         tell(0, len(strips), 0)
         for phase in (strips[::2], strips[1::2]):
-            kept += workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
-            tell(len(kept), len(strips), sum(len(counts) for _, counts, _, _ in kept))
-        first = np.array([strip.first_id for strip in strips])
-        final = np.empty_like(first)
-        order = [*range(0, len(strips), 2), *range(1, len(strips), 2)]
-        final[order] = self.strokes + np.cumsum([0, *(len(counts) for _, counts, _, _ in kept[:-1])])
-        self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))
-        self.layers.append(LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True))))
+            laid = workers.run(lambda strip: _paint_strip(scene, brush, rules, strip), phase)
+            if laid:
+                final = known + np.cumsum([0, *(len(counts) for _, counts, _, _ in laid)])
+                first = np.array([strip.first_id for strip in phase])
+                self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))  # noqa: B023
+                known = int(final[-1])
+            kept += laid
+            self.layers[layer:] = [LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True)))]
+            tell(len(kept), len(strips), known - before)
         self.refit()
 
     def _strips(self, brush: Brush, rules: Rules) -> Iterator[Strip]:
@@ -1043,7 +1046,7 @@ def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: n
 def _renumber(
     ids: NDArray[np.int32], below: NDArray[np.int32], provisional: NDArray[np.int64], final: NDArray[np.int64]
 ) -> None:
-    """Numbers that the strips gave, from provisional[k] on, become those from final[k] on."""
+    """Numbers that the strips of a phase gave, from provisional[k] on, become those from final[k] on."""
     rows, columns = ids.shape
     for i in range(rows):
         for j in range(columns):

@@ -960,6 +960,22 @@ def test_figures_that_cannot_be_drawn_are_refused(refused: Refused, arguments: t
     refused(arguments, words)
 
 
+@pytest.mark.parametrize("options", [(), ("--strokes", "1000"), ("--strokes", "50"), PAPER])
+def test_at_a_terminal_a_run_shows_its_progress_and_ends_well(folder: Path, options: tuple[str, ...]) -> None:
+    ours, theirs = pty.openpty()
+    start = [sys.executable, "-m", "strokeplan", "plan", "photo.png", "-o", "out.json", *options]
+    with subprocess.Popen(start, cwd=folder, stdout=theirs, stderr=theirs) as run:
+        os.close(theirs)
+        shown = b""
+        while said := heard(ours):
+            shown += said
+        os.close(ours)
+    assert run.returncode == 0, shown.decode()
+    assert b"layer " in shown
+    assert b"wrote out.json" in shown
+    assert b"error:" not in shown
+
+
 # Python ignores Ctrl-C where its parent does, as shells have it for jobs in the background.
 LISTENING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 CALL = "from strokeplan.cli import main; main()"
