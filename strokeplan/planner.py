@@ -417,7 +417,7 @@ def warm_up() -> None:
 
 
 def load_kernels() -> None:
-    """Load what planning in the default way needs, by a plan of four pixels; quick if it is loaded already."""
+    """Load what planning by gain needs, by a plan of four pixels; quick if it is loaded already."""
     plan(np.zeros((2, 2, 3), np.uint8), "fine", threads=1)
 
 
