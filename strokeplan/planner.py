@@ -416,6 +416,11 @@ def warm_up() -> None:
         plan(picture, load_preset("paper").override({"max_integration_sigma": widest}), threads=2)
 
 
+def load_kernels() -> None:
+    """Load what planning by gain needs, by a plan of four pixels; quick if it is loaded already."""
+    plan(np.zeros((2, 2, 3), np.uint8), "fine", threads=1)
+
+
 def layer_field(photo: Photo, preset: Preset, number: int) -> OrientationField:
     """The orientation field that layer `number` (from 1) of a preset follows on a photo."""
     resolved = preset.for_photo(photo.width, photo.height)

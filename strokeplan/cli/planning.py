@@ -93,7 +93,10 @@ def plan(
     read = perf_counter() - waiting
     formats.check_canvas(output, photo.width, photo.height)
     compile_kernels()
-    begin(formats.prepare, output)  # while kernels run
+    # While this thread runs kernels, for which no other thread of Python has to wait.
+    if style.keep == "gain":
+        begin(planner.load_kernels)
+    begin(formats.prepare, output)
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         painted = planner.plan(
@@ -106,7 +109,7 @@ def plan(
             mask=mask,
             threads=threads,
             progress=progress,
-            report=reports.append,
+            report=None if quiet else reports.append,
         )
     writing = perf_counter()
     formats.save_all(painted, output)
