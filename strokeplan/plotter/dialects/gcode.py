@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strokeplan.biarcs import Arcs, biarcs
+from strokeplan.biarcs import Arcs, biarcs_all
 from strokeplan.plotter.brush import Visit, heights, turns_deg, visits
 from strokeplan.plotter.profile import Gcode
 from strokeplan.plotter.program import JobPen, Program
@@ -23,9 +23,6 @@ from strokeplan.plotter.tools import AngleServo, Brush, PwmServo, ZPen
 
 DECIMALS = 3
 RESOLUTION_MM = 10.0**-DECIMALS
-ARC_MARGIN = 0.6
-"""The part of the tolerance that arcs are made with: they are measured at some points only, and where a cubic is wild
-stray by up to half more between them."""
 MIN_CHORD_MM = 0.02
 """An arc of a shorter chord is a line: rounding would decide its centre."""
 MAX_RADIUS_MM = 5_000.0
@@ -97,6 +94,9 @@ class _Writer:
         self.travel = f" F{number(program.profile.speeds.travel_mm_min)}" if self.flavour.rapid_feed else ""
         self.brush = heights(program, self.tool) if isinstance(self.tool, Brush) else None
         self.feeds: list[float] = program.feeds.tolist()
+        self.arcs = None
+        if dialect.curves == "arcs" and self.brush is None:
+            self.arcs = biarcs_all(program.points, program.starts, program.profile.tolerance_mm)
 
     def body(self) -> Iterator[str]:
         """Everything between the start and the end."""
@@ -145,8 +145,8 @@ class _Writer:
         """Where the line begins ("X… Y…"), then the commands that draw it."""
         chain = self.program.line(j)
         yield f"X{number(chain[0, 0])} Y{number(chain[0, 1])}"
-        if self.dialect.curves == "arcs":
-            yield from arc_moves(biarcs(chain, ARC_MARGIN * self.program.profile.tolerance_mm))
+        if self.arcs is not None:
+            yield from arc_moves(self.arcs.chain(j))
         elif self.dialect.curves == "cubics":
             yield from cubic_moves(chain.tolist())
         else:
