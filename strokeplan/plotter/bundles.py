@@ -1,12 +1,12 @@
 """Strokes wider than the pen, as bundles of passes that ink their area: rings within rings, like a racetrack.
 
 The outermost ring lies half a pen within the border of the stroke's area, the next ones no further apart than the
-pen is wide. Along the stroke they are its parallel curves, at both its ends they close; where it overlaps itself, as strokes
-that curl up do, they go round the whole instead of along every turn. A stroke that takes an odd number of lines beside
-each other has its middle as the innermost. One hardly wider than the pen is its middle alone.
+pen is wide. Along the stroke they are its parallel curves, at both its ends they close; where it overlaps itself, as
+strokes that curl up do, they go round the whole instead of along every turn. A stroke that takes an odd number of lines
+beside each other has its middle as the innermost. One hardly wider than the pen is its middle alone.
 
-Rings begin where they are nearest to the beginning of their stroke: less than a pen from each other, so that the pen
-need not be lifted between them.
+Rings begin at their tips, where the stroke begins: less than a pen from each other, so that the pen need not be lifted
+between them.
 
 Known limits: rings are polylines within the tolerance; where an area narrows within a ring, as between two turns that
 hardly touch, some of it may stay bare.
@@ -49,7 +49,7 @@ def bundled(plan: StrokePlan, pen: NDArray[np.float64], tolerance: float) -> tup
     rings, of = _rings(areas, pen[wide] / 2, pitch, rounds, tolerance)
     middle = across % 2 == 1
     middle[wide] |= plan.has_pressure[wide]
-    vertices, counts = _seated(rings, plan.points[plan.starts[:-1]][wide][of])
+    vertices, counts = _seated(rings, _tips(plan)[wide][of])
     passes = replace(plan, pressures=None, angles=None, widths=pen)
     return rebuilt(passes, middle, vertices, counts, wide[of])
 
@@ -105,6 +105,18 @@ def _parts(areas: NDArray[Any], of: NDArray[np.int64]) -> tuple[NDArray[Any], ND
     parts, index = shapely.get_parts(areas, return_index=True)
     some = ~shapely.is_empty(parts)
     return parts[some], of[index[some]]
+
+
+def _tips(plan: StrokePlan) -> NDArray[np.float64]:
+    """(n, 2) a point beyond the beginning of each stroke, in line with it: rings are nearest to it at their tips."""
+    first = plan.starts[:-1]
+    ahead = plan.points[first + 3] - plan.points[first]
+    for handle in (2, 1):
+        way = plan.points[first + handle] - plan.points[first]
+        ahead = np.where(np.any(way != 0, axis=1, keepdims=True), way, ahead)
+    length = np.hypot(*ahead.T)[:, None]
+    unit = np.divide(ahead, length, out=np.zeros_like(ahead), where=length > 0)
+    return np.asarray(plan.points[first] - unit * plan.widths[:, None])
 
 
 def _seated(rings: NDArray[Any], near: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from strokeplan.errors import PlotError
 from strokeplan.grouping import reordered
@@ -27,29 +28,30 @@ SMOOTH = 0.05
 
 def pen_lines(plan: StrokePlan, profile: Profile, options: PlotOptions) -> tuple[StrokePlan, float]:
     """What pens draw of a plan in mm, and the gap in mm that a pen may cross without a lift. Raises PlotError."""
-    join, tolerance = profile.join_mm, profile.tolerance_mm / 2
+    join, tolerance, shortest = profile.join_mm, profile.tolerance_mm / 2, 0.0
     plan, bare = with_nearest(plan, profile, options)
-    widths = pen_widths(plan, profile, options)
-    lines, source = plan, np.arange(len(plan))
-    shortest = 0.0
-    if options.strokes == "bundle":
+    source = np.flatnonzero(~bare)
+    lines = replace(reordered(plan, source), layers=regained(plan.layers, source))
+    if options.strokes == "bundle" and len(lines):
         from strokeplan.plotter.bundles import bundled
 
-        paint = np.repeat([k.medium == "paint" for k in plan.layers], [k.last - k.first for k in plan.layers])
-        if np.isnan(widths[paint]).any():
-            raise PlotError("bundles need the width of the pen: --pen-width 0.5mm, or pens that have one")
-        pen = np.where(paint, widths, plan.widths)
+        pen = _pens_mm(lines, profile, options)
         narrowest = float(pen.min())
-        lines, source = bundled(plan, pen, max(tolerance, SMOOTH * narrowest))
-        shortest, join = SHORTEST * narrowest, max(join, narrowest)
+        lines, of = bundled(lines, pen, max(tolerance, SMOOTH * narrowest))
+        source, shortest, join = source[of], SHORTEST * narrowest, max(join, narrowest)
     if options.removes_hidden:
         from strokeplan.plotter.covering import uncovered
 
         lines, source = uncovered(lines, source, plan, np.zeros(len(plan)), tolerance, shortest)
-    if bare.any():
-        kept = np.flatnonzero(~bare[source])
-        layers = regained(lines.layers, kept)
-        lines = replace(reordered(lines, kept), layers=layers)
     if not len(lines):
         raise PlotError("no line is left to draw: everything is bare paper, or covered by later strokes")
     return lines, join
+
+
+def _pens_mm(plan: StrokePlan, profile: Profile, options: PlotOptions) -> NDArray[np.float64]:
+    """(n,) how wide the pen of each stroke is; of ink, the stroke itself. Raises PlotError if nobody said."""
+    widths = pen_widths(plan, profile, options)
+    paint = np.repeat([k.medium == "paint" for k in plan.layers], [k.last - k.first for k in plan.layers])
+    if np.isnan(widths[paint]).any():
+        raise PlotError("bundles need the width of the pen: --pen-width 0.5mm, or pens that have one")
+    return np.where(paint, widths, plan.widths)

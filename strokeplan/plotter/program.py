@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from strokeplan.biarcs import ArcChains, biarcs_all
 from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
 from strokeplan.plotter.chaining import as_they_come, chained, drawn_rows, in_order
@@ -23,7 +24,7 @@ from strokeplan.plotter.motion import Limits
 from strokeplan.plotter.options import PlotOptions
 from strokeplan.plotter.painterly import pen_lines
 from strokeplan.plotter.penning import JobPen, job_pens
-from strokeplan.plotter.profile import Profile
+from strokeplan.plotter.profile import PenSettings, Profile
 from strokeplan.plotter.segments import segments
 from strokeplan.plotter.tools import Brush, ZPen
 from strokeplan.strokes import StrokePlan
@@ -66,6 +67,11 @@ class Program:
         """Vertices (v, 2) and starts (m + 1,): the lines within the profile's tolerance, of segments that take time."""
         shortest = self.feeds / 60_000 * self.profile.speeds.segment_ms
         return segments(self.points, self.starts, self.profile.tolerance_mm, shortest)
+
+    @cached_property
+    def arcs(self) -> ArcChains:
+        """The lines as circular arcs within the profile's tolerance."""
+        return biarcs_all(self.points, self.starts, self.profile.tolerance_mm)
 
     @property
     def feeds(self) -> NDArray[np.float64]:
@@ -164,12 +170,15 @@ def _check_travel(chains: NDArray[np.float64], plan: StrokePlan, transform: Page
         )
 
 
-def pen_moves_s(profile: Profile) -> tuple[float, float]:
-    """Seconds for which the machine stands while the pen goes down, and up."""
+def pen_moves_s(profile: Profile, pen: PenSettings | None = None) -> tuple[float, float]:
+    """Seconds for which the machine stands while the pen goes down, and up; `pen` may have its own."""
     tool = profile.tool
+    lower = tool.lower_s if pen is None or pen.lower_s is None else pen.lower_s
+    rise = tool.raise_s if pen is None or pen.raise_s is None else pen.raise_s
     way = 0.0
     if isinstance(tool, ZPen):
-        way = abs(tool.up_mm - tool.down_mm) / tool.rate_mm_min * 60
+        down = tool.down_mm if pen is None or pen.down_mm is None else pen.down_mm
+        way = abs(tool.up_mm - down) / tool.rate_mm_min * 60
     if isinstance(tool, Brush):
         way = abs(tool.safe_mm - tool.touch_mm) / tool.rate_mm_min * 60
-    return tool.lower_s + way, tool.raise_s + way
+    return lower + way, rise + way

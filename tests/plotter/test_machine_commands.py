@@ -95,7 +95,7 @@ def test_info_says_what_a_machine_needs(tmp_path: Path) -> None:
         (["x.gcode", "--profile", "nosuch"], "profile 'nosuch' is unknown"),
         (["x.plt", "--profile", "grbl_servo"], "grbl_servo takes .gcode"),
         (["x.svg", "--profile", "grbl_servo"], "grbl_servo takes .gcode"),
-        (["x.svg", "--rotate", 90], "are for machines"),
+        (["x.svg", "--rotate", 90], "rotate is for machines"),
         (["x.gcode", "--profile", "grbl_servo", "--outline"], "no option outline"),
         (["x.gcode", "--profile", "grbl_servo", "--rotate", 45], "rotate 45"),
         (["x.gcode", "--profile", "grbl_servo", "--page", "A1"], "larger than what grbl_servo reaches"),
