@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from strokeplan.formats.options import ExportOptions
 
 from strokeplan.cli.console import echo_written
-from strokeplan.cli.machines import echo_rows, export_machine, machine_rows, plot_options
+from strokeplan.cli.machines import echo_rows, export_machine, machine_rows, plot_options, refuse
 from strokeplan.cli.options import (
     ClassesOption,
     ClipOption,
@@ -86,7 +86,7 @@ def export(
         "dry-run": dry_run,
     }
     if profile is not None:
-        _refuse(drawing, "a file for a machine has no option {0}; leave out --{0}")
+        refuse(drawing, "a file for a machine has no option {0}; leave out --{0}")
         options = plot_options(
             page,
             margin,
@@ -106,7 +106,7 @@ def export(
         )
         export_machine(plan, output, profile, options, by_pen=file_per_pen, date=date, dry_run=dry_run)
         return
-    _refuse(machine, "{0} is for machines: give --profile")
+    refuse(machine, "{0} is for machines: give --profile")
     from strokeplan.formats.options import ExportOptions
     from strokeplan.page import parse_page
 
@@ -123,15 +123,6 @@ def export(
             clip=clip,
         ),
     )
-
-
-def _refuse(given: Mapping[str, object], message: str) -> None:
-    """Raise InputError for the first option that has no place here."""
-    from strokeplan.errors import InputError
-
-    for name, value in given.items():
-        if value not in (None, False, 0):
-            raise InputError(message.format(name))
 
 
 def _write(plan: Path, output: Sequence[Path], options: ExportOptions) -> None:
@@ -172,7 +163,7 @@ def info(
             "pens": pens,
             "pen-width": pen_width,
         }
-        _refuse(machine, "{0} is for machines: give --profile")
+        refuse(machine, "{0} is for machines: give --profile")
     loaded = formats.load(plan)
     rows = describe(loaded)
     if profile is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -122,3 +122,12 @@ def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[t
     from strokeplan.plotter.report import report
 
     return report(program(plan, load_profile(profile), options))
+
+
+def refuse(given: Mapping[str, object], message: str) -> None:
+    """Raise InputError for the first option that has no place here."""
+    from strokeplan.errors import InputError
+
+    for name, value in given.items():
+        if value not in (None, False, 0):
+            raise InputError(message.format(name))
