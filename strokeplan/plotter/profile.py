@@ -113,7 +113,7 @@ class Ebb(_Table, frozen=True, kw_only=True, tag="ebb"):
     """The EiBotBoard's commands: motors' steps in slices of time."""
 
     steps_mm: Annotated[float, Meta(gt=0, le=1e4)]
-    """Steps of motors A and B for a millimetre of x and y (XM)."""
+    """Sixteenths of a step for a millimetre: of motors A and B together (XM), or of x and y themselves (SM)."""
     slice_ms: Annotated[int, Meta(ge=5, le=1000)] = 25
     min_ms: Annotated[int, Meta(ge=1, le=100)] = 4
     """The shortest move that the board keeps up with."""

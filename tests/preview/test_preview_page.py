@@ -556,13 +556,10 @@ def test_a_plot_shows_ways_and_time(open_page: OpenPage) -> None:
 
 def blue(page: Page) -> int:
     """How many pixels of the ways are drawn."""
-    return int(
-        page.evaluate(
-            """() => { const c = document.getElementById('ways');
-            const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-            let n = 0; for (let i = 0; i < d.length; i += 4) n += d[i + 3] > 0 && d[i + 2] > 150; return n; }"""
-        )
-    )
+    url = page.evaluate("() => document.getElementById('ways').toDataURL()")
+    with Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as file:
+        rgba = np.asarray(file.convert("RGBA"))
+    return int(np.count_nonzero((rgba[..., 3] > 0) & (rgba[..., 2] > 150)))
 
 
 def test_times_are_those_of_the_motion() -> None:
