@@ -63,11 +63,15 @@ def _slot(text: str) -> tuple[str, int]:
 
 
 def _pens(text: str) -> PenSet | OwnPens | int:
+    from strokeplan.errors import InputError
     from strokeplan.pens import load_pens
 
     if text == "profile":
         return "profile"
-    return int(text) if text.isdecimal() else load_pens(text)
+    try:
+        return int(text[:9]) if text.isdecimal() else load_pens(text)
+    except InputError as error:
+        raise InputError(f"{error}, a number of pens, or 'profile'") from None
 
 
 def export_machine(

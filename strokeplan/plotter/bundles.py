@@ -8,8 +8,7 @@ beside each other has its middle as the innermost. One hardly wider than the pen
 Rings begin at their tips, where the stroke begins: less than a pen from each other, so that the pen need not be lifted
 between them.
 
-Known limits: rings are polylines within the tolerance; where an area narrows within a ring, as between two turns that
-hardly touch, some of it may stay bare.
+Known limits: rings are polylines within the tolerance; between two passes some hairs of paper may stay bare.
 """
 
 from __future__ import annotations
@@ -29,6 +28,8 @@ PITCH = 0.9
 """Distance between passes at most, in widths of the pen: a tenth of overlap, so that no paper shows between them."""
 SLACK = 0.15
 """Of a pass that is not worth drawing."""
+LEAST = 0.1
+"""Of the pen's width: a bare place that is not twice as wide stays bare."""
 CURLED = 0.9
 """A stroke that paints less than this part of its length times its width overlaps itself."""
 
@@ -47,6 +48,7 @@ def bundled(plan: StrokePlan, pen: NDArray[np.float64], tolerance: float) -> tup
     pitch = (plan.widths - pen)[wide] / (across[wide] - 1)
     rounds = np.where(even, np.iinfo(np.int64).max, across[wide] // 2)
     rings, of = _rings(areas, pen[wide] / 2, pitch, rounds, tolerance)
+    rings, of = _with_gaps(areas, rings, of, pen[wide], even, tolerance)
     middle = across % 2 == 1
     middle[wide] |= plan.has_pressure[wide]
     vertices, counts = _seated(rings, _tips(plan)[wide][of])
@@ -97,6 +99,31 @@ def _rings(
     rings, index = shapely.get_rings(polygons, return_index=True)
     order = np.argsort(owner[index], kind="stable")
     return rings[order], owner[index[order]]
+
+
+def _with_gaps(
+    areas: NDArray[Any],
+    rings: NDArray[Any],
+    of: NDArray[np.int64],
+    pen: NDArray[np.float64],
+    gaping: NDArray[np.bool_],
+    tolerance: float,
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """The rings, and more around what they leave bare of the areas that are `gaping` (a,): where one ring's inside is
+    narrow, as between turns that overlap, none lies within it."""
+    shapely = require_shapely()
+    own = np.flatnonzero(gaping[of])
+    some = np.unique(of[own])
+    if not len(some):
+        return rings, of
+    drawn = shapely.multilinestrings(rings[own], indices=np.searchsorted(some, of[own]))
+    ink = shapely.buffer(drawn, pen[some] / 2, quad_segs=quad_segs(pen, tolerance))
+    bare = shapely.buffer(shapely.difference(areas[some], ink), -LEAST * pen[some], quad_segs=2)
+    gaps, index = _parts(shapely.simplify(bare, tolerance, preserve_topology=False), some)
+    both = np.concatenate([rings, shapely.get_exterior_ring(gaps)])
+    owner = np.concatenate([of, index])
+    order = np.argsort(owner, kind="stable")
+    return both[order], owner[order]
 
 
 def _parts(areas: NDArray[Any], of: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.int64]]:

@@ -48,9 +48,9 @@ class Grid(NamedTuple):
     item: NDArray[np.int64]
 
 
-def capsules_of(plan: StrokePlan, of: NDArray[np.bool_], grown: NDArray[np.float64], tolerance: float) -> Capsules:
-    """The capsules of the strokes `of` (n,) of a plan, radii larger by `grown` (n,); curves within `tolerance`."""
-    radii = plan.half_widths + np.repeat(grown, plan.knots)
+def capsules_of(plan: StrokePlan, of: NDArray[np.bool_], grown: float, tolerance: float) -> Capsules:
+    """The capsules of the strokes `of` (n,) of a plan, radii larger by `grown`; curves within `tolerance`."""
+    radii = np.maximum(plan.half_widths + grown, 0.0)
     vertices, begins = flatten_all(with_values(plan.points, plan.starts, radii), plan.starts, tolerance)
     first = np.ones(len(vertices), np.bool_)
     first[begins[1:] - 1] = False  # the last vertex of a stroke begins no edge

@@ -26,14 +26,14 @@ def uncovered(
     lines: StrokePlan,
     source: NDArray[np.int64],
     plan: StrokePlan,
-    grown: NDArray[np.float64],
+    grown: float,
     tolerance: float,
     shortest: float = 0.0,
 ) -> tuple[StrokePlan, NDArray[np.int64]]:
     """What is left of `lines` (m strokes) where later strokes of a plan's paint cover them.
 
     source    (m,) the stroke of the plan that each line draws, rising; those after it cover it.
-    grown     (n,) by how much each stroke covers more than its own area, to both sides.
+    grown     by how much a stroke covers more than its own area, to all sides; less if it is below 0.
     shortest  pieces not longer than this are left out.
 
     Lines that nothing covers keep their curves; the others become polylines no further than `tolerance` from them.

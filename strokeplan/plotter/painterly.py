@@ -22,13 +22,15 @@ from strokeplan.strokes import StrokePlan
 
 SHORTEST = 0.5
 """Pieces not longer than this part of a pen's width are left out: specks, each of which would cost a lift."""
+UNDER = 0.125
+"""How far passes run beneath what covers them, in widths of the pen: no paper shows along the border."""
 SMOOTH = 0.05
 """How far the passes of a bundle may stray, in widths of the pen, where the profile's tolerance is finer."""
 
 
 def pen_lines(plan: StrokePlan, profile: Profile, options: PlotOptions) -> tuple[StrokePlan, float]:
     """What pens draw of a plan in mm, and the gap in mm that a pen may cross without a lift. Raises PlotError."""
-    join, tolerance, shortest = profile.join_mm, profile.tolerance_mm / 2, 0.0
+    join, tolerance, shortest, grown = profile.join_mm, profile.tolerance_mm / 2, 0.0, 0.0
     plan, bare = with_nearest(plan, profile, options)
     source = np.flatnonzero(~bare)
     lines = replace(reordered(plan, source), layers=regained(plan.layers, source))
@@ -38,11 +40,12 @@ def pen_lines(plan: StrokePlan, profile: Profile, options: PlotOptions) -> tuple
         pen = _pens_mm(lines, profile, options)
         narrowest = float(pen.min())
         lines, of = bundled(lines, pen, max(tolerance, SMOOTH * narrowest))
-        source, shortest, join = source[of], SHORTEST * narrowest, max(join, narrowest)
+        source, join = source[of], max(join, narrowest)
+        shortest, grown = SHORTEST * narrowest, -UNDER * narrowest
     if options.removes_hidden:
         from strokeplan.plotter.covering import uncovered
 
-        lines, source = uncovered(lines, source, plan, np.zeros(len(plan)), tolerance, shortest)
+        lines, source = uncovered(lines, source, plan, grown, tolerance, shortest)
     if not len(lines):
         raise PlotError("no line is left to draw: everything is bare paper, or covered by later strokes")
     return lines, join

@@ -89,7 +89,7 @@ def test_what_is_left_is_the_difference_of_shapely(seed: int, cap: str) -> None:
     rng = np.random.default_rng(seed)
     straight = [curve(*np.linspace(rng.uniform(10, 60, 2), rng.uniform(10, 60, 2), 4).ravel()) for _ in range(8)]
     plan = painted(straight, 4.0, cap)
-    lines, source = uncovered(plan, np.arange(8), plan, np.zeros(8), 0.01)
+    lines, source = uncovered(plan, np.arange(8), plan, 0.0, 0.01)
     style = "round" if cap == "round" else "flat"
     for i in range(8):
         later = shapely.union_all([union(plan, j, cap=style) for j in range(i + 1, 8)])
@@ -102,13 +102,13 @@ def test_what_is_left_is_the_difference_of_shapely(seed: int, cap: str) -> None:
 
 def test_lines_that_nothing_covers_keep_their_curves_and_ink_neither_hides_nor_is_hidden() -> None:
     plan = painted([SWAN, BAR, EYE], 2.0)
-    kept, source = uncovered(plan, np.arange(3), plan, np.zeros(3), 0.01)
+    kept, source = uncovered(plan, np.arange(3), plan, 0.0, 0.01)
     assert np.array_equal(kept.points, plan.points)
     assert source.tolist() == [0, 1, 2]
     ink = replace(painted([SWAN, SWAN], 2.0), layers=(Layer("1", 0, 1, "paint"), Layer("2", 1, 2, "ink")))
-    assert len(uncovered(ink, np.arange(2), ink, np.zeros(2), 0.01)[0]) == 2
+    assert len(uncovered(ink, np.arange(2), ink, 0.0, 0.01)[0]) == 2
     paint = painted([SWAN, SWAN], 2.0)
-    _, source = uncovered(paint, np.arange(2), paint, np.zeros(2), 0.01)
+    _, source = uncovered(paint, np.arange(2), paint, 0.0, 0.01)
     assert source.tolist() == [1]
 
 
@@ -119,7 +119,7 @@ def test_layers_and_pressure_of_pieces() -> None:
         ),
         layers=(Layer("1", 0, 1), Layer("2", 1, 3)),
     )
-    left, source = uncovered(plan, np.arange(3), plan, np.zeros(3), 0.01)
+    left, source = uncovered(plan, np.arange(3), plan, 0.0, 0.01)
     assert source.tolist() == [0, 0, 1, 2]
     assert [(k.name, k.first, k.last) for k in left.layers] == [("1", 0, 2), ("2", 2, 4)]
     assert left.stroke(0)[-1] == pytest.approx([63, 70])

@@ -1,8 +1,9 @@
 """Commands of the EiBotBoard (AxiDraw and its kin): the host plans the motion, the board turns two motors.
 
 Every block of the planned motion (motion.py) is cut into slices of time; a slice is one XM (SM where each motor drives
-an axis of its own), whole steps between where the pen is at its two ends: rounding never adds up. A slice shorter than the board keeps up with is stretched, which
-slows the pen down and moves it nowhere else; so is one that would exceed 25 kHz on a motor.
+an axis of its own), whole steps between where the pen is at its two ends: rounding never adds up. A slice shorter than
+the board keeps up with is stretched, which slows the pen down and moves it nowhere else; so is one that would exceed 25
+kHz on a motor.
 
 Lines that begin with # are for people (the header): whoever sends the file leaves them out. The file begins and ends
 at the home corner, where motors were switched on.
