@@ -21,7 +21,6 @@ from strokeplan.jit import kernel
 from strokeplan.plotter.joining import ENTRY, EXIT, NEIGHBOURS, nearest, roles, shaken, tour_of
 from strokeplan.plotter.moves import Price, cost, improved
 
-
 SAME_MM = 1e-9
 """Points that are all nearer than this to each other are one."""
 
