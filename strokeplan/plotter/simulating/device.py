@@ -30,6 +30,8 @@ class Device:
     """
 
     blocks = 15
+    end = b"\r\n"
+    """What lines of the device end with."""
 
     def __init__(self, profile: Profile, *, resets: bool = True, boot_s: float = 1.5, at_mm: Spot = (0.0, 0.0)) -> None:
         self.profile, self.resets, self.boot_s = profile, resets, boot_s
@@ -143,13 +145,20 @@ class Device:
         self._stop(at_s)
         self._start()
 
-    def by_hand(self, to_mm: Spot, at_s: float) -> None:
-        """Somebody moves the carriage; the firmware does not know."""
+    def by_hand(self, to_mm: Spot, at_s: float, z_mm: float | None = None) -> None:
+        """Somebody moves the carriage, and a pen on z to a height; the firmware does not know.
+
+        A pen on z counts as lifted until the firmware moves it.
+        """
         self._run(at_s)
         self._trace(at_s)
+        if self.touch.by_height:
+            self.recorder.lift(at_s)
         self.recorder.carry(to_mm, at_s)
-        x, y, _ = self.steppers.place(at_s)
+        x, y, z = self.steppers.place(at_s)
         self.slip = to_mm[0] - x, to_mm[1] - y
+        if z_mm is not None:
+            self.z_slip = z_mm - z
 
     def press(self, at_s: float) -> None:
         """The machine's own button, where it has one."""
@@ -185,7 +194,7 @@ class Device:
 
     def say(self, text: str) -> None:
         """Send a line."""
-        self._out += text.encode("latin-1") + b"\r\n"
+        self._out += text.encode("latin-1") + self.end
 
     def forbid(self, line: str) -> None:
         """Note a command that changes what stays."""

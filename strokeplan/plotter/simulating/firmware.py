@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Protocol, TypeVar
 
 from strokeplan.errors import InputError
 from strokeplan.plotter.profile import Gcode, Profile
+from strokeplan.plotter.simulating.device import Device
+from strokeplan.plotter.simulating.faults import NONE, Faults, Faulty
 from strokeplan.plotter.simulating.recording import Drawn, Spot
+
+T = TypeVar("T")
 
 
 class Firmware(Protocol):
@@ -48,11 +54,41 @@ class Firmware(Protocol):
         """Where the pen really is."""
 
 
-def firmware(profile: Profile, *, variant: str | None = None) -> Firmware:
+def firmware(profile: Profile, *, faults: Faults = NONE, variant: str | None = None) -> Firmware:
     """The device that a profile speaks to; `variant` picks one of its kinds. Raises InputError."""
+    device = _device(profile, variant)
+    return Faulty(device, faults) if faults else device
+
+
+def _device(profile: Profile, variant: str | None) -> Device:
     from strokeplan.plotter.simulating.grbl import BUILDS, Grbl
 
     dialect = profile.dialect
     if isinstance(dialect, Gcode) and dialect.flavour in BUILDS:
-        return Grbl(profile, dialect.flavour)
+        kinds: dict[str, Callable[..., Device]] = {
+            dialect.flavour: Grbl,
+            f"{dialect.flavour}-homing": partial(Grbl, homing=True, soft_limits=True),
+            f"{dialect.flavour}-no-reset": partial(Grbl, resets=False),
+        }
+        return _pick(kinds, variant or dialect.flavour, profile)(profile, dialect.flavour)
+    if isinstance(dialect, Gcode) and dialect.flavour == "marlin":
+        return _marlin(profile, variant)
     raise InputError(f"profile {profile.name}: there is no simulator of its firmware")
+
+
+def _marlin(profile: Profile, variant: str | None) -> Device:
+    from strokeplan.plotter.simulating.marlin import Build, Marlin
+
+    curves = profile.dialect.curves if isinstance(profile.dialect, Gcode) else "lines"
+    builds = {
+        "marlin": Build(arcs=curves == "arcs", cubics=curves == "cubics"),
+        "marlin-no-ok-after-resend": Build(ok_after_resend=False, arcs=curves == "arcs"),
+        "marlin-emergency-parser": Build(emergency_parser=True, advanced_ok=True, arcs=curves == "arcs"),
+    }
+    return Marlin(profile, _pick(builds, variant or "marlin", profile))
+
+
+def _pick(kinds: Mapping[str, T], variant: str, profile: Profile) -> T:
+    if variant not in kinds:
+        raise InputError(f"variant {variant!r} is none of {profile.name}; there are {', '.join(kinds)}")
+    return kinds[variant]

@@ -15,11 +15,22 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import inf
+from typing import Literal
 
 from strokeplan.plotter.profile import Profile
 from strokeplan.plotter.simulating.device import Device, Main
 from strokeplan.plotter.simulating.grbl_gcode import (
-    Action, Dwell, End, GcodeError, Modes, Move, Pause, Spindle, Store, execute, seconds_up,
+    Action,
+    Dwell,
+    End,
+    GcodeError,
+    Modes,
+    Move,
+    Pause,
+    Spindle,
+    Store,
+    execute,
+    seconds_up,
 )  # fmt: skip
 from strokeplan.plotter.simulating.recording import Spot
 from strokeplan.plotter.simulating.steppers import Place
@@ -51,6 +62,8 @@ class Build:
     """Settings are written with interrupts off."""
     arcs: bool = True
     resets: bool = True
+    tool: Literal["line", "kept", "none"] = "line"
+    """What T is in $G: GRBL forgets it with the next line, others keep it, or show none without M6."""
     report: int = 1
     """$10."""
 
@@ -60,12 +73,12 @@ BUILDS = {
     "grblhal": Build(
         "GrblHAL 1.1f ['$' or '$HELP' for help]",
         ("[VER:1.1f.20240812:]", "[OPT:VNMSL,35,1024,3,0]", "[NEWOPT:ENUMS,RT+,SED]", "[FIRMWARE:grblHAL]"),
-        rx=1024, blocks=35, eeprom=False, resets=False, report=511,
+        rx=1024, blocks=35, eeprom=False, resets=False, tool="none", report=511,
     ),
     "fluidnc": Build(
         "Grbl 3.7 [FluidNC v3.7.12 (wifi) '$' for help]",
         ("[VER:3.7 FluidNC v3.7.12:]", "[OPT:MPHS]"),
-        rx=256, eeprom=False,
+        rx=256, eeprom=False, tool="kept",
     ),
     "drawcore": Build("Grbl 1.1h ['$' for help]", ("[VER:1.1h.20190825:]", "[OPT:V,15,128]"), arcs=False),
 }  # fmt: skip
@@ -427,6 +440,8 @@ class Grbl(Device):
             self.forbid(line)
         if new.offset != self.modes.offset:
             self._wco = 0
+        if self.build.tool != "line":
+            new = replace(new, tool=0 if self.build.tool == "none" else new.tool or self.modes.tool)
         self.modes = new
         for action in actions:
             yield from self._act(action)
@@ -595,7 +610,8 @@ def _settings(profile: Profile, build: Build, *, homing: bool, soft_limits: bool
     speeds, machine = profile.speeds, profile.machine
     steps, z = speeds.steps_mm or 250.0, getattr(profile.tool, "rate_mm_min", 500.0)
     values: dict[str, float | int] = {
-        "0": 10, "1": 25, "2": 0, "3": 0, "4": 0, "5": 0, "6": 0, "10": build.report, "11": speeds.junction_deviation_mm,
+        "0": 10, "1": 25, "2": 0, "3": 0, "4": 0, "5": 0, "6": 0, "10": build.report,
+        "11": speeds.junction_deviation_mm,
         "12": 0.002, "13": 0, "20": int(soft_limits), "21": 0, "22": int(homing), "23": 3, "24": 25.0, "25": 500.0,
         "26": 250, "27": 1.0, "30": 1000, "31": 0, "32": 0, "100": steps, "101": steps, "102": steps,
         "110": speeds.rate_mm_min[0], "111": speeds.rate_mm_min[1], "112": z,

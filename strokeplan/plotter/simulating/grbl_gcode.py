@@ -19,7 +19,8 @@ MOTION = ("G0", "G1", "G2", "G3", "G38.2", "G80")
 GROUPS = (
     MOTION, ("G4", "G10", "G28", "G28.1", "G30", "G30.1", "G53", "G92", "G92.1"), ("G17", "G18", "G19"),
     ("G90", "G91"), ("G91.1",), ("G93", "G94"), ("G20", "G21"), ("G40",), ("G43.1", "G49"),
-    ("G54", "G55", "G56", "G57", "G58", "G59"), ("G61",), ("M0", "M1", "M2", "M30"), ("M3", "M4", "M5"), ("M7", "M8", "M9"),
+    ("G54", "G55", "G56", "G57", "G58", "G59"), ("G61",), ("M0", "M1", "M2", "M30"), ("M3", "M4", "M5"),
+    ("M7", "M8", "M9"),
 )  # fmt: skip
 GROUP = {word: k for k, words in enumerate(GROUPS) for word in words}
 NONMODAL = 1
@@ -89,6 +90,7 @@ class Modes:
     coolant: str = "M9"
     feed: float = 0.0
     pulse: float = 0.0
+    tool: int = 0
     position: Place = ZERO
     g92: Place = ZERO
     systems: dict[str, Place] = field(default_factory=lambda: dict.fromkeys(SYSTEMS, ZERO))
@@ -103,7 +105,8 @@ class Modes:
         """As $G prints it."""
         words = (
             self.motion, self.system, self.plane, "G20" if self.inches else "G21", "G90" if self.absolute else "G91",
-            "G93" if self.inverse else "G94", self.spindle, self.coolant, "T0", f"F{self.feed:.0f}", f"S{self.pulse:.0f}",
+            "G93" if self.inverse else "G94", self.spindle, self.coolant, f"T{self.tool}", f"F{self.feed:.0f}",
+            f"S{self.pulse:.0f}",
         )  # fmt: skip
         return f"[GC:{' '.join(words)}]"
 
@@ -129,10 +132,13 @@ def execute(line: str, modes: Modes, *, jog: bool = False, arcs: bool = True) ->
         return _jog(commands, values, modes)
     if "N" in values and not 0 <= values.pop("N") <= 9_999_999:
         raise GcodeError(27)
-    values.pop("T", None)
     for letter in "FST":
         if values.get(letter, 0) < 0:
             raise GcodeError(4)
+    tool = values.pop("T", 0.0)
+    if tool != int(tool) or tool > 255:
+        raise GcodeError(23 if tool != int(tool) else 38)
+    modes = replace(modes, tool=int(tool))
     new, actions = _set_modes(commands, values, modes)
     special = commands.get(NONMODAL)
     if special == "G4":

@@ -38,7 +38,7 @@ class SimulatedPort:
     def write(self, data: bytes) -> int:
         """How many bytes the host's buffer took."""
         self._check()
-        taken = data[: HOST_BYTES - len(self._wire)]
+        taken = data[: min(HOST_BYTES - len(self._wire), self._most())]
         if taken and not self._wire:
             self._free_s = max(self._free_s, self._now)
         self._wire.extend(taken)
@@ -58,7 +58,7 @@ class SimulatedPort:
                 break
         self._check()
         came = bytearray()
-        while self._back and self._back[0][0] <= self._now:
+        while self._back and self._back[0][0] <= self._now and len(came) < self._most():
             came.append(self._back.popleft()[1])
         return bytes(came)
 
@@ -82,6 +82,10 @@ class SimulatedPort:
         self._drain(self._now + seconds)
 
     # The wire
+
+    def _most(self) -> int:
+        """Bytes that the system's port takes or gives at once."""
+        return getattr(self.device, "partial", None) or HOST_BYTES
 
     def _check(self) -> None:
         if self._closed or not self.device.link:

@@ -70,12 +70,18 @@ class Recorder:
         if self.down:
             self._begin(at_s)
 
+    def lift(self, at_s: float) -> None:
+        """The pen is up, at once."""
+        self.settle(at_s)
+        self._ordered = None
+        self._change(at_s, down=False)
+
     def settle(self, until_s: float) -> None:
         """What was ordered takes effect, if its time has come."""
         if self._ordered and self._ordered[0] <= until_s:
             at_s, down = self._ordered
             self._ordered = None
-            self._change(at_s, down)
+            self._change(at_s, down=down)
 
     def freeze(self, at_s: float) -> None:
         """No power: what was ordered and has not happened never will."""
@@ -113,7 +119,7 @@ class Recorder:
         if until_s - self._since >= REST_S:
             self._rests.append((self._since, until_s))
 
-    def _change(self, at_s: float, down: bool) -> None:
+    def _change(self, at_s: float, *, down: bool) -> None:
         if self.down and not down:
             self._rested(at_s)
         self.down = down
