@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli import convert, inkscape, inspection, planning, presets, preview, profiles, rendering
+from strokeplan.cli import convert, inkscape, inspection, planning, presets, preview, profiles, rendering, simulating
 from strokeplan.errors import StrokeplanError
 from strokeplan.version import __version__
 
@@ -56,6 +56,7 @@ app.command("brushes")(rendering.brushes)
 app.command("inspect")(inspection.inspect)
 app.command("montage")(inspection.montage)
 app.command("preview")(preview.preview)
+app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(inkscape.app, name="inkscape")
