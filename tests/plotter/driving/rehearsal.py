@@ -30,6 +30,7 @@ from strokeplan.plotter.simulating.firmware import firmware
 from strokeplan.plotter.simulating.port import SimulatedPort
 
 MOST_RUNS = 25
+PATIENCE_S = 40.0
 NEAR_MM = 0.12
 """A point this near to a line lies on it: tolerance, steps, and what a hold leaves."""
 KNOWN = ("grbl_servo", "grbl_z", "fluidnc", "grblhal", "idraw_2", "ender3", "axidraw_v3", "nextdraw_2234", "hp7475a",
@@ -60,6 +61,7 @@ class Person:
     asked: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     alarmed: bool = False
+    paused_s: float | None = None
 
     def wish(self) -> Wish | None:
         if self.alarmed:
@@ -68,6 +70,9 @@ class Person:
             wish = self.wishes.pop(0)[1]
             self.alarmed = wish is Wish.EMERGENCY
             return wish
+        if self.paused_s is not None and self.port.now() > self.paused_s + PATIENCE_S:
+            self.paused_s = None
+            return Wish.PAUSE  # a button of the machine was pressed, and nothing happens
         return None
 
     def emergency(self) -> bool:
@@ -83,7 +88,10 @@ class Person:
         self.notes.append(text)
 
     def progress(self, done: int, paused: bool) -> None:
-        pass
+        if not paused:
+            self.paused_s = None
+        elif self.paused_s is None:
+            self.paused_s = self.port.now()
 
 
 @dataclass
