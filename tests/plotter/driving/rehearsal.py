@@ -86,6 +86,11 @@ class Person:
 
     def note(self, text: str) -> None:
         self.notes.append(text)
+        device = getattr(self.port.device, "device", self.port.device)
+        if getattr(device, "paused", False):
+            device.press(self.port.now())
+        if getattr(device, "lever", False):
+            device.alarm(0, self.port.now())
 
     def progress(self, done: int, paused: bool) -> None:
         if not paused:
@@ -175,7 +180,8 @@ def _set_right(port: SimulatedPort, job: Program) -> None:
     if hasattr(device, "lever"):
         device.lever = device.paused = False
     device.alarm(0, port.now()) if hasattr(device, "supply") else None
-    device.by_hand((0.0, 0.0), port.now(), 0.0)
+    if not hasattr(device, "lever"):  # pen plotters know where they are
+        device.by_hand((0.0, 0.0), port.now(), 0.0)
     if device.resets is False and not hasattr(device, "supply") and not hasattr(device, "lever"):
         device.restart(port.now())
         port.wait(3.0)

@@ -2,8 +2,8 @@
 
 A third one would stand in the parser, and while it does USB takes nothing, not even a stop. A move is therefore
 sent only when the board says that its FIFO is empty (QG, or QM before firmware 2.6.2), asked about when the one that
-runs should end. A fence is two answers in a row that nothing runs or waits, the board's own count of steps (QS), which must be that of
-all moves sent, and a look at the motors' supply (QC).
+runs should end. A fence is two answers in a row that nothing runs or waits, the board's own count of steps (QS), which
+must be that of all moves sent, and a look at the motors' supply (QC).
 
 The host knows the place by the steps that it sent; after an orderly stop it drives the pen home, slowly.
 
