@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
 
-from strokeplan.errors import DeviceLost, StrokeplanError
+from strokeplan.errors import DeviceLost, DriveError, StrokeplanError
 from strokeplan.plotter.driving.codec import Button, Codec, Event, Fault, Fence, Fenced, Item, Note
 from strokeplan.plotter.driving.link import LOOK_S, Emergency, Link
 from strokeplan.plotter.driving.units import Script, Unit
