@@ -590,7 +590,7 @@ class Grbl(Device):
                 raise GcodeError(3)
             self.settings[found[1]] = found[2]
             yield from self._write()
-        elif re.match(r"\$(RST=|I=|N\d=|[A-Z]{2,}|SD|FLASH)", line):
+        elif re.match(r"\$(RST=|I=|N\d=)", line) or (not self.build.eeprom and re.match(r"\$[A-Z]{2,}", line)):
             self.forbid(line)
             yield from self._write()
         else:
