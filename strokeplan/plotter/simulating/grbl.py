@@ -210,7 +210,7 @@ class Grbl(Device):
 
     def _answer(self) -> None:
         """A status report, if the main loop is somewhere that it looks: it does not while homing or busy."""
-        busy = isinstance(self._wait, float) and self._wait > self.now and not self._dwelling
+        busy = not callable(self._wait) and self._wait > self.now and not self._dwelling
         if self._asked and not (busy and not self._hold):
             self._asked = False
             self.say(self.status())

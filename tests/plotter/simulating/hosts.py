@@ -54,7 +54,8 @@ def play(host: Host, data: bytes) -> None:
         while b"ok" not in reply.lower():
             came = host.port.read(60.0)
             reply += came
-            assert b"error" not in reply.lower() and b"Err" not in reply, (line, reply)
+            assert b"error" not in reply.lower(), (line, reply)
+            assert b"Err" not in reply, (line, reply)
             patience += not came
             assert patience < 30, (line, reply)
     host.hear(60.0)

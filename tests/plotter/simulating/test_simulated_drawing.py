@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import msgspec
 import numpy as np
 import pytest
@@ -26,7 +28,7 @@ MACHINES = [
 
 def lines(job: Program) -> list[np.ndarray]:
     points, starts = job.polylines
-    return [points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    return [points[a:b] for a, b in pairwise(starts.tolist())]
 
 
 @pytest.mark.parametrize(("name", "variant"), MACHINES)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
     [
         ("V", "EBBv13_and_above EB Firmware Version 2.8.1\r\n"), ("QB", "0\r\nOK\r\n"), ("QC", "0394,0300\r\nOK\r\n"),
         ("QG", "10\r\n"), ("QM", "QM,0,0,0,0\n\r"), ("QS", "0,0\n\rOK\r\n"), ("EM,1,1", "OK\r\n"), ("SP,1", "OK\r\n"),
-        ("ES", "0,0,0,0,0\n\rOK\r\n"), ("XX", "!8 Err: Unknown command 'XX:5858'\r\n"), ("SM,0,1,1", "!6 Err: Invalid parameter value\r\n"),
+        ("ES", "0,0,0,0,0\n\rOK\r\n"), ("XX", "!8 Err: Unknown command 'XX:5858'\r\n"),
+        ("SM,0,1,1", "!6 Err: Invalid parameter value\r\n"),
         ("\r\n", ""), ("QU,2", "!8 Err: Unknown command 'QU:5155'\r\n"),
     ],
 )  # fmt: skip
@@ -43,7 +44,7 @@ def test_one_move_runs_one_waits_one_stands_in_the_parser_and_usb_waits() -> Non
     host.port.write(b"QB\r" * 100)
     host.hear(0.5)
     assert host.device.room() == 0  # and the host's bytes stay with it
-    assert host.hear(3.0).startswith("OK\r\n1,0,0,")
+    assert host.hear(3.0).startswith("OK\r\n1,800,0,800,0\n\r")  # the second has just begun
 
 
 def test_a_deeper_fifo_of_firmware_3() -> None:
@@ -74,7 +75,8 @@ def test_lm_lasts_as_its_rate_says() -> None:
 
 def test_home_is_where_the_counters_were_zeroed() -> None:
     host = Host("axidraw_v3")
-    host.ask("XM,500,800,0\rEM,1,1\rXM,500,0,800\r", 2.0)
+    host.ask("XM,500,800,0\r")
+    host.ask("EM,1,1\rXM,500,0,800\r", 2.0)
     host.ask("HM,2000\r", 3.0)
     assert host.device.place_mm == pytest.approx((10, 0))
 
