@@ -66,7 +66,7 @@ def export_machine(
         check_writable(path)
     for path, data in files:
         formats.write(path, data)
-    typer.echo("\n".join(f"{name:<11} {value}" for name, value in _rows(job)))
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in program_rows(job)))
     return [path for path, _ in files]
 
 
@@ -75,10 +75,11 @@ def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[t
     from strokeplan.plotter.profile import load_profile
     from strokeplan.plotter.program import program
 
-    return _rows(program(plan, load_profile(profile), options))
+    return program_rows(program(plan, load_profile(profile), options))
 
 
-def _rows(job: Program) -> list[tuple[str, str]]:
+def program_rows(job: Program) -> list[tuple[str, str]]:
+    """What a machine does with a program, as (name, text)."""
     from strokeplan.plotter.estimate import estimate
 
     return [("machine", job.profile.description), ("page", job.transform.describe()), *estimate(job).rows()]
