@@ -75,7 +75,7 @@ def test_while_a_job_is_paused_the_pen_is_up_and_nothing_rests_on_the_paper(name
 @pytest.mark.parametrize("name", ONE_EACH)
 def test_a_stop_lifts_the_pen_parks_and_is_resumed(name: str, tmp_path: Path) -> None:
     job = short_job(name)
-    half = rehearse(job, tmp_path).port.now() * (0.85 if name == "hp7475a" else 0.6)
+    half = rehearse(job, tmp_path).port.now() * (0.75 if name == "hp7475a" else 0.6)
     result: Rehearsal = rehearse(job, tmp_path, wishes=[(half, Wish.STOP)])
     check(result)
     stopped = result.runs[0]
