@@ -30,6 +30,7 @@ from strokeplan.plotter.simulating.firmware import firmware
 from strokeplan.plotter.simulating.port import SimulatedPort
 
 MOST_RUNS = 25
+PATIENCE_S = 40.0
 NEAR_MM = 0.12
 """A point this near to a line lies on it: tolerance, steps, and what a hold leaves."""
 KNOWN = ("grbl_servo", "grbl_z", "fluidnc", "grblhal", "idraw_2", "ender3", "axidraw_v3", "nextdraw_2234", "hp7475a",
@@ -60,6 +61,7 @@ class Person:
     asked: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     alarmed: bool = False
+    paused_s: float | None = None
 
     def wish(self) -> Wish | None:
         if self.alarmed:
@@ -68,6 +70,9 @@ class Person:
             wish = self.wishes.pop(0)[1]
             self.alarmed = wish is Wish.EMERGENCY
             return wish
+        if self.paused_s is not None and self.port.now() > self.paused_s + PATIENCE_S:
+            self.paused_s = None
+            return Wish.PAUSE  # a button of the machine was pressed, and nothing happens
         return None
 
     def emergency(self) -> bool:
@@ -81,9 +86,17 @@ class Person:
 
     def note(self, text: str) -> None:
         self.notes.append(text)
+        device = getattr(self.port.device, "device", self.port.device)
+        if getattr(device, "paused", False):
+            device.press(self.port.now())
+        if getattr(device, "lever", False):
+            device.alarm(0, self.port.now())
 
     def progress(self, done: int, paused: bool) -> None:
-        pass
+        if not paused:
+            self.paused_s = None
+        elif self.paused_s is None:
+            self.paused_s = self.port.now()
 
 
 @dataclass
@@ -167,7 +180,8 @@ def _set_right(port: SimulatedPort, job: Program) -> None:
     if hasattr(device, "lever"):
         device.lever = device.paused = False
     device.alarm(0, port.now()) if hasattr(device, "supply") else None
-    device.by_hand((0.0, 0.0), port.now(), 0.0)
+    if not hasattr(device, "lever"):  # pen plotters know where they are
+        device.by_hand((0.0, 0.0), port.now(), 0.0)
     if device.resets is False and not hasattr(device, "supply") and not hasattr(device, "lever"):
         device.restart(port.now())
         port.wait(3.0)

@@ -2,7 +2,8 @@
 
 A third one would stand in the parser, and while it does USB takes nothing, not even a stop. A move is therefore
 sent only when the board says that its FIFO is empty (QG, or QM before firmware 2.6.2), asked about when the one that
-runs should end. A fence is two answers in a row that nothing runs or waits, and a look at the motors' supply.
+runs should end. A fence is two answers in a row that nothing runs or waits, the board's own count of steps (QS), which
+must be that of all moves sent, and a look at the motors' supply (QC).
 
 The host knows the place by the steps that it sent; after an orderly stop it drives the pen home, slowly.
 
@@ -69,8 +70,12 @@ class EbbCodec:
         self._clear()
         self.steps = [0, 0]
         """Where the pen is from home, in steps of x and y."""
+        self.zero = [0, 0]
+        """Where the board counts from: EM begins anew."""
         self.sure = True
         """Whether every command was answered."""
+        self.strict = True
+        """Whether fences look at steps and power."""
 
     def _clear(self) -> None:
         self.asked: _Asked | None = None
@@ -79,7 +84,10 @@ class EbbCodec:
         self.busy_until = self.ask_at = 0.0
         self.fence: int | None = None
         self.idles = 0
-        self.powered = False
+        self.settling = False
+        """Something is to be sent that waits for all moves."""
+        self.questions: list[str] = []
+        """What is still asked at the fence."""
         self.out = b""
 
     # Conversations
@@ -121,7 +129,7 @@ class EbbCodec:
         raise DriveError("this machine has no switches: put the carriage to its home corner by hand, leave out --home")
 
     def start(self, link: Link) -> None:
-        self.steps, self.sure = [0, 0], True
+        self.steps, self.zero, self.sure, self.strict = [0, 0], [0, 0], True, True
         self.say(link, (*self.phrases.start, *self.phrases.up))
 
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
@@ -138,6 +146,7 @@ class EbbCodec:
                 self.sure = True
         link.drain(0.1, 1.0)
         self._clear()
+        self.strict = False  # what is wrong is known
         self.say(link, self.phrases.up)
         known = self.sure and (fault is None or fault.kind in ("refused", "confused", "held"))
         if known:
@@ -171,9 +180,13 @@ class EbbCodec:
         if self.asked is not None or self.fence is not None:
             return False
         if isinstance(item, Fence):
-            self.fence, self.idles, self.powered = item.key, 0, False
+            self.fence, self.idles, self.questions = item.key, 0, ["QS", "QC"] if self.strict else []
             self.ask_at = min(self.busy_until, now + ANSWER_S)
             return True
+        if item.startswith("EM") and self.inside:  # it acts at once, in the middle of a move
+            self.settling = True
+            return False
+        self.settling = False
         seconds, steps = _motion(item)
         if seconds and self.inside >= DEPTH:
             return False
@@ -185,11 +198,16 @@ class EbbCodec:
         self.out += asked.text.encode("ascii") + b"\r"
 
     def outgoing(self, now: float) -> bytes:
-        if self.asked is None and now >= self.ask_at and (self.fence is not None or self.inside >= DEPTH):
+        if self.asked is None and now >= self.ask_at and self._curious:
             done = self.fence is not None and self.idles >= IDLES
-            self._send(_Asked("QC" if done else self._question, now))
+            self._send(_Asked(self.questions.pop(0) if done and self.questions else self._question, now))
         data, self.out = self.out, b""
         return data
+
+    @property
+    def _curious(self) -> bool:
+        """Whether the board is to be asked what it does."""
+        return self.fence is not None or self.inside >= DEPTH or self.settling
 
     @property
     def _question(self) -> str:
@@ -223,10 +241,14 @@ class EbbCodec:
             return [Fault("refused", f"the machine refuses {asked.text!r} ({text})")]
         if name in ("QG", "QM"):
             return self._state(name, text, now)
+        if name == "QS":
+            return self._counted(text)
         if name == "QC":
             return self._supply(text)
         if text == "OK":
             self.asked = None
+            if name == "EM":
+                self.zero = list(self.steps)
             if asked.motion_s:
                 self._moved(asked)
                 self.busy_until = max(now, self.busy_until) + asked.motion_s
@@ -253,12 +275,27 @@ class EbbCodec:
         self.inside = runs + (waits * (DEPTH - 1))
         if not runs and not waits:
             self.idles += 1
+            if self.fence is not None and self.idles >= IDLES and not self.questions:
+                return self._passed()
             self.busy_until = now
             self.ask_at = now
         else:
             self.idles = 0
             self.ask_at = max(now + SOON_S, min(self.busy_until, now + 0.5) if self.fence is not None else 0.0)
         return [Button()] if button else []
+
+    def _counted(self, text: str) -> list[Event]:
+        """The steps of motors 1 and 2 at a fence: x + y and x - y."""
+        found = re.fullmatch(r"(-?\d+),(-?\d+)", text)
+        if found is None:
+            return []
+        self.asked = None
+        x, y = self.steps
+        x, y = x - self.zero[0], y - self.zero[1]
+        if (int(found[1]), int(found[2])) != (x + y, x - y):
+            self.sure = False
+            return [Fault("reset", "the board's count of steps is not that of the drawing: it has started anew")]
+        return []
 
     def _supply(self, text: str) -> list[Event]:
         """The motors' supply at a fence; the OK behind it comes in legacy syntax only, and is not waited for."""
