@@ -96,7 +96,7 @@ class EbbCodec:
         self.link = link
         for _ in range(GREETINGS):
             link.forget()
-            link.say("", "\r")
+            link.say("?", "\r")  # what is left of an earlier command, if anything, is refused with it
             link.drain(0.1, 1.0)
             link.say("V", "\r")
             found = link.hear(self._versioned, ANSWER_S)
