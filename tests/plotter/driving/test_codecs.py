@@ -220,3 +220,29 @@ def test_nothing_overflows_in_a_pen_plotter(variant: str, tmp_path: Path) -> Non
     result = rehearse(short_job("hp7475a"), tmp_path, variant=variant)
     check(result)
     assert result.port.device.io_error == 0  # type: ignore[attr-defined]
+
+
+def test_a_board_that_does_not_start_anew_keeps_its_place(tmp_path: Path) -> None:
+    """The cable is pulled and put in again; nobody moves the carriage, and nobody is told to."""
+    job = short_job("grbl_servo")
+    device = firmware(job.profile, variant="grbl-no-reset")
+    port = SimulatedPort(device)
+    codec, link = codec_of("grbl_servo"), Link(port)
+    codec.greet(link)
+    assert not codec.kept  # it was just switched on
+    codec.start(link)
+    codec.say(link, ("G0 X20 Y30",))
+    port = port.reopen(1.0)
+    codec, link = codec_of("grbl_servo"), Link(port)
+    codec.greet(link)
+    assert codec.kept
+    codec.start(link)
+    codec.say(link, ("G0 X21 Y30",))
+    assert device.place_mm == pytest.approx((21.0, 30.0), abs=0.02)
+
+
+def test_boards_that_are_reset_by_their_port_must_be_put_to_the_origin() -> None:
+    for name, kept in (("grbl_servo", False), ("ender3", False), ("axidraw_v3", False), ("hp7475a", True)):
+        codec = codec_of(name)
+        codec.greet(Link(SimulatedPort(firmware(short_job(name, 1).profile))))
+        assert codec.kept is kept

@@ -71,6 +71,7 @@ class MarlinCodec:
     def __init__(self, phrases: Phrases, profile: Profile) -> None:
         self.phrases, self.profile = phrases, profile
         self.link: Link | None = None
+        self.kept = False
         self.parser = False
         """M410 and M112 are heard at once."""
         self.waiting: deque[tuple[str, int | None]] = deque()
@@ -86,7 +87,9 @@ class MarlinCodec:
 
     def greet(self, link: Link) -> str:
         self.link = link
-        refuse_other(self.name, link.hear(lambda line: self.name if line == "start" else recognise(line), GREETING_S))
+        begun = link.hear(lambda line: self.name if line == "start" else recognise(line), GREETING_S)
+        refuse_other(self.name, begun)
+        self.kept = begun is None  # it did not start anew
         for _ in range(GREETINGS):
             link.drain(0.3)
             link.forget()
