@@ -24,6 +24,8 @@ from strokeplan.plotter.driving.through import through
 
 RESERVE = 32
 """Bytes of the buffer that stay free."""
+AHEAD = 3
+"""Lines that are under way at most: a pause waits for them."""
 ASK_S = 0.1
 ANSWER_S = 2.0
 TRIES = 6
@@ -76,7 +78,7 @@ class HpglCodec:
         self.link = link
         for _ in range(GREETINGS):
             link.forget()
-            link.push(b"\x1b.R\x1b.K\x1b.B")
+            link.push(b"\x1b.R\x1b.K\x1b.B\r")
             found = link.hear(self._number_or_other, ANSWER_S)
             if found is not None:
                 link.drain(0.2)
@@ -130,6 +132,8 @@ class HpglCodec:
 
     def take(self, item: Item, now: float) -> bool:
         text = FENCE if isinstance(item, Fence) else item
+        if len(self.awaited) >= AHEAD:
+            return False
         if len(text) > self.credit or self.asked_s is not None:
             self._ask(now)
             return False
