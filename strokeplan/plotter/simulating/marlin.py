@@ -119,9 +119,7 @@ class Marlin(Device):
         self._trace(self.now)
         before = self.steppers.place(self.now)
         x, y = self.steppers.kill(self.now)
-        if x or y:
-            self.slip = self.slip[0] + x, self.slip[1] + y
-            self.recorder.move(self.now, self.now, self._real(before))
+        self._overrun(before, x, y)
         at = self.steppers.count
         self._position = tuple(a - o for a, o in zip(at, self._offset, strict=True))  # type: ignore[assignment]
 
