@@ -192,6 +192,25 @@ def test_marlin_sends_again_what_was_damaged_and_what_was_not_answered(variant: 
     check(result)
 
 
+def test_marlin_goes_back_to_a_line_whose_ok_was_another_ones() -> None:
+    codec = codec_of("ender3")
+    codec.link = Link(SimulatedPort(firmware(short_job("ender3", 1).profile)))  # type: ignore[attr-defined]
+    for k in range(3):
+        assert codec.take(f"G1 X{k} Y0", 0.0)
+        codec.feed(b"ok\n", 0.0)
+    assert codec.take("G1 X9 Y9", 0.0)
+    codec.outgoing(0.0)
+    assert codec.feed(b"Error:expected line 2 got 4\nResend: 2\nok\n", 0.0) == []
+    sent = []
+    for _ in range(3):
+        sent.append(codec.outgoing(1.0))
+        assert codec.feed(b"ok\n", 1.0) == []
+    assert sent == [framed(2, "G1 X1 Y0"), framed(3, "G1 X2 Y0"), framed(4, "G1 X9 Y9")]
+    assert isinstance(codec.feed(b"Resend: 1\n", 1.0)[0], Fault) or codec.outgoing(2.0) == framed(1, "G1 X0 Y0")
+    events = codec.feed(b"Resend: 77\n", 2.0)
+    assert [type(event) for event in events] == [Fault]
+
+
 # EBB
 
 

@@ -117,7 +117,7 @@ class GrblCodec:
         self.kept = found is None  # it did not start anew
         link.drain(0.2)
         link.forget()
-        link.say("")  # whatever stands in the machine's line buffer ends here
+        link.say("#")  # what is left of an earlier line, if anything, is refused with it
         link.drain(0.2)
         version, options = self._identify(link)
         found = found or version
