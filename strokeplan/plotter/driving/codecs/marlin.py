@@ -308,7 +308,7 @@ class MarlinCodec:
     def _rewound(self, number: int, now: float) -> list[Event]:
         """The machine wants lines from `number` on again: an `ok` was another's. The last ones are still known."""
         known = [one for one in self.sent if one.number >= number]
-        if not known or known[0].number != number or self.rewinds >= TRIES:
+        if number == 1 or not known or known[0].number != number or self.rewinds >= TRIES:
             return [self._lost(number)]
         self.rewinds += 1
         for one in reversed(known):
