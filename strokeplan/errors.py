@@ -7,6 +7,8 @@
     │   ├── ProfileError       a machine profile                                2
     │   ├── PlotError          a drawing that the machine cannot take           2
     │   └── FormatError        a strokes file, or a suffix nobody handles       2
+    ├── DriveError             a machine that did not do as it was told         1
+    │   └── DeviceLost         a port that went away                            1
     ├── MissingExtraError      an optional package is not installed             2
     └── OutputError            the result could not be written                  2
 
@@ -46,6 +48,14 @@ class PlotError(InputError):
 
 class FormatError(InputError):
     """A strokes file that is malformed, or a suffix that no format handles."""
+
+
+class DriveError(StrokeplanError):
+    """A machine that did not do as it was told: what was drawn until then stays in the journal."""
+
+
+class DeviceLost(DriveError):  # noqa: N818 - what happened, in the word that everyone uses
+    """The port went away: unplugged, switched off, or closed by the other side."""
 
 
 class MissingExtraError(StrokeplanError):

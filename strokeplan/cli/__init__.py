@@ -14,7 +14,18 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli import convert, inkscape, inspection, planning, presets, preview, profiles, rendering
+from strokeplan.cli import (
+    convert,
+    driving,
+    inkscape,
+    inspection,
+    planning,
+    presets,
+    preview,
+    profiles,
+    rendering,
+    simulating,
+)
 from strokeplan.errors import StrokeplanError
 from strokeplan.version import __version__
 
@@ -57,6 +68,10 @@ app.command("brushes")(rendering.brushes)
 app.command("inspect")(inspection.inspect)
 app.command("montage")(inspection.montage)
 app.command("preview")(preview.preview)
+app.command("plot")(driving.plot)
+app.command("resume")(driving.resume)
+app.add_typer(driving.jobs_app, name="jobs")
+app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(inkscape.app, name="inkscape")

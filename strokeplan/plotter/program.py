@@ -8,7 +8,7 @@ is written: that the page fits, that every line stays within the travel, that th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -86,20 +86,20 @@ class Program:
 
     def only(self, pen: int) -> Program:
         """The lines of one pen."""
-        keep = np.flatnonzero(self.pen == pen)
+        kept = self.part(np.flatnonzero(self.pen == pen))
+        title = f"{self.title}, {self.pens[pen].name}"
+        return replace(kept, pen=np.zeros(len(kept), np.int64), pens=(self.pens[pen],), title=title)
+
+    def part(self, keep: NDArray[np.int64]) -> Program:
+        """The lines of some indices (k,), in that order."""
         knots = (self.starts + 2 * np.arange(len(self) + 1)) // 3
-        return Program(
-            self.profile,
-            self.transform,
-            np.concatenate([self.line(j) for j in keep.tolist()]),
-            np.concatenate([[0], np.cumsum(np.diff(self.starts)[keep])]),
-            np.concatenate([self.radii[knots[j] : knots[j + 1]] for j in keep]),
-            np.zeros(len(keep), np.int64),
-            self.layer[keep],
-            (self.pens[pen],),
-            self.layers,
-            self.strokes,
-            f"{self.title}, {self.pens[pen].name}",
+        return replace(
+            self,
+            points=np.concatenate([self.line(j) for j in keep.tolist()]),
+            starts=np.concatenate([[0], np.cumsum(np.diff(self.starts)[keep])]),
+            radii=np.concatenate([self.radii[knots[j] : knots[j + 1]] for j in keep.tolist()]),
+            pen=self.pen[keep],
+            layer=self.layer[keep],
         )
 
 

@@ -73,7 +73,7 @@ def encode(program: Program, header: list[str]) -> bytes:
         raise TypeError("a profile of another dialect")
     lines = [f"; {comment(text)}" for text in header]
     lines += [*FLAVOURS[dialect.flavour].start, *dialect.prologue]
-    lines += _Writer(program, dialect).body()
+    lines += Writer(program, dialect).body()
     lines += [line for line in (*dialect.epilogue, FLAVOURS[dialect.flavour].end) if line]
     return ("\n".join(lines) + "\n").encode("ascii")
 
@@ -84,8 +84,8 @@ def comment(text: str) -> str:
     return "".join(c if c.isalnum() or c in " .,:=/+-_#" else "_" for c in plain)[:100]
 
 
-class _Writer:
-    """Writes the lines of one program."""
+class Writer:
+    """Writes the lines of one program, for a file or for a machine that listens (driving/units.py)."""
 
     def __init__(self, program: Program, dialect: Gcode) -> None:
         self.program, self.dialect = program, dialect

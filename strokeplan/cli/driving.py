@@ -1,0 +1,365 @@
+"""Commands that drive a machine: plot, resume, jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from strokeplan.cli.machines import echo_report, plot_options
+from strokeplan.cli.options import (
+    ClipOption,
+    GroupBy,
+    GroupOption,
+    KeepOrderOption,
+    LandscapeOption,
+    MarginOption,
+    MirrorOption,
+    PageOption,
+    PlanArgument,
+    RotateOption,
+    ScaleOption,
+    SlotsOption,
+    WithinOption,
+)
+
+if TYPE_CHECKING:
+    from strokeplan.plotter.driving.codec import Codec
+    from strokeplan.plotter.driving.jobs import Job, Order
+    from strokeplan.plotter.driving.link import Link
+    from strokeplan.plotter.driving.streamer import Ending
+    from strokeplan.plotter.driving.units import Script
+    from strokeplan.plotter.profile import Profile
+    from strokeplan.plotter.program import Program
+
+MachineOption = Annotated[
+    str, typer.Option("--profile", metavar="NAME|FILE", help="The machine; `strokeplan profiles` lists them.")
+]
+PortOption = Annotated[
+    str | None, typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://….")
+]
+BaudOption = Annotated[int | None, typer.Option("--baud", help="Of the port; by default what such machines have.")]
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="Say where the drawing lies and how long it takes; open no port.")
+]
+FirstOption = Annotated[int, typer.Option("--from-stroke", metavar="N", help="Begin with this one, counted from 1.")]
+LayersOption = Annotated[
+    list[str] | None, typer.Option("--layers", metavar="NAME", help="Only these; may be repeated.")
+]
+OnlyPensOption = Annotated[
+    list[str] | None, typer.Option("--pens", metavar="NAME", help="Only these; may be repeated.")
+]
+CopiesOption = Annotated[int, typer.Option("--copies", min=1, max=999, help="Draw it so many times, a sheet each.")]
+JobsOption = Annotated[
+    Path | None,
+    typer.Option("--jobs", metavar="DIR", help="Where jobs are kept; by default in the user's state folder."),
+]
+TraceOption = Annotated[
+    Path | None, typer.Option("--trace", metavar="FILE", help="Record every byte, both ways, with its time.")
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", "-y", help="Pen and paper are in place, the pen stands at the origin.")
+]
+HomeOption = Annotated[bool, typer.Option("--home", help="Have the machine look for its switches first.")]
+QuietDrivingOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
+JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Its name, the beginning of it, or last.")]
+
+jobs_app = typer.Typer(help="List the jobs that were begun; remove one.", invoke_without_command=True)
+
+
+def plot(
+    plan: PlanArgument,
+    profile: MachineOption,
+    port: PortOption = None,
+    baud: BaudOption = None,
+    dry_run: DryRunOption = False,
+    page: PageOption = None,
+    landscape: LandscapeOption = False,
+    margin: MarginOption = None,
+    rotate: RotateOption = 0,
+    mirror: MirrorOption = False,
+    scale: ScaleOption = None,
+    clip: ClipOption = False,
+    within: WithinOption = None,
+    group_by: GroupOption = GroupBy.layer,
+    keep_order: KeepOrderOption = False,
+    pen: SlotsOption = None,
+    from_stroke: FirstOption = 1,
+    layers: LayersOption = None,
+    pens: OnlyPensOption = None,
+    copies: CopiesOption = 1,
+    home: HomeOption = False,
+    yes: YesOption = False,
+    jobs: JobsOption = None,
+    trace: TraceOption = None,
+    quiet: QuietDrivingOption = False,
+) -> None:
+    """Draw a strokes file with a machine, stroke by stroke, so that whatever happens it can be resumed."""
+    from strokeplan import formats
+    from strokeplan.errors import InputError
+    from strokeplan.plotter.driving.codecs import codec_for
+    from strokeplan.plotter.driving.units import choose, script
+    from strokeplan.plotter.profile import load_profile
+    from strokeplan.plotter.program import program
+
+    if port is None and not dry_run:
+        raise InputError("no port is given; give --port, or --dry-run to see what would be drawn")
+    asked: dict[str, Any] = {
+        "page": page,
+        "margin": margin,
+        "landscape": landscape,
+        "rotate": rotate,
+        "mirror": mirror,
+        "scale": scale,
+        "clip": clip,
+        "by_colour": group_by is GroupBy.colour,
+        "keep_order": keep_order,
+        "slots": list(pen or ()),
+    }
+    machine = load_profile(profile)
+    whole = program(formats.load(plan), machine, plot_options(**asked, within=within))
+    chosen = choose(whole, first=from_stroke, layers=layers or (), pens=pens or ())
+    work = script(chosen, copies)
+    codec = codec_for(machine, work.phrases(int(chosen.pen[0])))
+    if not quiet or dry_run:
+        echo_report(chosen)
+    if dry_run or port is None:
+        return
+    files, order = _order(plan, profile, within, asked, chosen, work)
+    import msgspec
+
+    order = msgspec.structs.replace(
+        order, first=from_stroke, layers=tuple(layers or ()), pens=tuple(pens or ()), port=port, baud=baud
+    )
+
+    def begin() -> Job:
+        from strokeplan.plotter.driving.jobs import create, jobs_folder
+
+        return create(jobs_folder(jobs), order, files)
+
+    _drive(
+        port,
+        baud,
+        machine,
+        codec,
+        work,
+        begin,
+        0,
+        "the paper is in place",
+        home=home,
+        yes=yes,
+        trace=trace,
+        quiet=quiet,
+    )
+
+
+def resume(
+    job: JobArgument,
+    port: PortOption = None,
+    baud: BaudOption = None,
+    home: HomeOption = False,
+    yes: YesOption = False,
+    jobs: JobsOption = None,
+    trace: TraceOption = None,
+    quiet: QuietDrivingOption = False,
+) -> None:
+    """Continue a job at the first stroke that is not proven drawn: after a stop, a crash, a pulled cable."""
+    from strokeplan.errors import InputError
+    from strokeplan.plotter.driving.codecs import codec_for
+    from strokeplan.plotter.driving.jobs import find, jobs_folder
+
+    found = find(jobs_folder(jobs), job)
+    order = found.order
+    if found.finished:
+        raise InputError(f"job {found.name} is finished; remove it: strokeplan jobs remove {found.name}")
+    machine, chosen, work = _rebuilt(found)
+    codec = codec_for(machine, work.phrases(int(chosen.pen[found.done % len(chosen)])))
+    pen = chosen.pens[chosen.pen[found.done % len(chosen)]].name
+    place = f"the same sheet lies where it lay, pen {pen!r} is in"
+    _drive(
+        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done, place,
+        home=home, yes=yes, trace=trace, quiet=quiet,
+    )  # fmt: skip
+
+
+def _order(
+    plan: Path, profile: str, within: Path | None, asked: dict[str, Any], chosen: Program, work: Script
+) -> tuple[dict[str, bytes], Order]:
+    """The files of a job, and what was asked for."""
+    import hashlib
+    from datetime import UTC, datetime
+
+    from strokeplan.plotter.driving.jobs import PROFILE, Order, digest
+    from strokeplan.plotter.profile import source
+    from strokeplan.version import __version__
+
+    data = plan.read_bytes()
+    suffixes = "".join(plan.suffixes[-2:]) if plan.suffix == ".gz" else plan.suffix
+    text = Path(profile).read_bytes() if profile.endswith(".toml") else source(profile)
+    files = {f"plan{suffixes}": data, PROFILE: text}
+    if within is not None:
+        files["within.svg"] = within.read_bytes()
+    order = Order(
+        plan=f"plan{suffixes}",
+        plan_sha256=hashlib.sha256(data).hexdigest(),
+        profile=chosen.profile.name,
+        options=asked,
+        within=None if within is None else "within.svg",
+        copies=work.copies,
+        port="",
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        title=plan.name,
+        units=len(work),
+        drawing_sha256=digest(chosen),
+        version=__version__,
+    )
+    return files, order
+
+
+def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
+    """The machine, the drawing and its script of a job, as they were."""
+    from strokeplan import formats
+    from strokeplan.plotter.driving.jobs import PROFILE, check_drawing, check_plan, content
+    from strokeplan.plotter.driving.units import choose, script
+    from strokeplan.plotter.profile import parse
+    from strokeplan.plotter.program import program
+
+    order = job.order
+    text = content(job, PROFILE)
+    machine = parse(text.read_bytes(), str(text), order.profile)
+    within = None if order.within is None else content(job, order.within)
+    whole = program(formats.load(check_plan(job)), machine, plot_options(**order.options, within=within))
+    chosen = choose(whole, first=order.first, layers=order.layers, pens=order.pens)
+    check_drawing(job, chosen)
+    return machine, chosen, script(chosen, order.copies)
+
+
+def _drive(
+    port: str,
+    baud: int | None,
+    machine: Profile,
+    codec: Codec,
+    work: Script,
+    begin: Any,
+    first: int,
+    place: str,
+    *,
+    home: bool,
+    yes: bool,
+    trace: Path | None,
+    quiet: bool,
+) -> None:
+    """Greet the machine, make sure of pen and paper, draw, say how it ended."""
+    from strokeplan.cli.operator import at_the_machine
+    from strokeplan.errors import DriveError
+    from strokeplan.plotter.driving.codecs import baud_of
+    from strokeplan.plotter.driving.jobs import journal
+    from strokeplan.plotter.driving.link import Link
+    from strokeplan.plotter.driving.streamer import Streamer
+    from strokeplan.plotter.driving.timetable import timetable
+    from strokeplan.plotter.driving.transport import open_port
+
+    table = timetable(work.program, work.copies)
+    with (
+        _traced(trace) as record,
+        _opened(open_port(port, baud or baud_of(machine))) as transport,
+        at_the_machine(table, yes=yes, quiet=quiet) as operator,
+    ):
+        link = Link(transport, trace=record, emergency=operator.emergency)
+        said = _met(link, codec, home=home)
+        typer.echo(f"{'port':<11} {port}: {said}", err=True)
+        known = codec.kept or home
+        where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
+        if not operator.ask(f"{place}; {where}"):
+            raise DriveError("stopped before the first stroke; nothing was drawn")
+        job = begin()
+        log = journal(job, work)
+        typer.echo(f"{'job':<11} {job.name}", err=True)
+        try:
+            operator.progress(first, paused=False)
+            ending = Streamer(link, codec, work, operator, log).run(first)
+        finally:
+            log.close()
+    _report(job, work, ending)
+
+
+def _met(link: Link, codec: Codec, *, home: bool) -> str:
+    from strokeplan.errors import DriveError
+    from strokeplan.plotter.driving.link import Emergency
+
+    try:
+        said = codec.greet(link)
+        if home:
+            codec.home(link)
+    except Emergency:
+        raise DriveError("stopped before the first stroke; nothing was drawn") from None
+    return said
+
+
+@contextmanager
+def _opened(transport: Any) -> Iterator[Any]:
+    try:
+        yield transport
+    finally:
+        transport.close()
+
+
+@contextmanager
+def _traced(path: Path | None) -> Iterator[IO[str] | None]:
+    from strokeplan.errors import OutputError
+    from strokeplan.files import check_writable
+
+    if path is None:
+        yield None
+        return
+    check_writable(path)
+    try:
+        with path.open("w", encoding="ascii") as stream:
+            yield stream
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def _report(job: Job, work: Script, ending: Ending) -> None:
+    """One line on how it ended. Raises DriveError for what is not finished, which says how to go on."""
+    from strokeplan.errors import DriveError
+
+    if ending.finished:
+        typer.echo(f"{'drawn':<11} all {len(work):,} strokes; the journal stays: strokeplan jobs remove {job.name}")
+        return
+    pen = "the pen is up" if ending.pen_up else "the machine was not reached: see to the pen"
+    place = "" if ending.position_known else "; its position is lost: home it, or set its origin"
+    raise DriveError(
+        f"{ending.reason}; {ending.done:,} of {len(work):,} strokes are drawn; {pen}{place}; "
+        f"continue with: strokeplan resume {job.name}"
+    )
+
+
+@jobs_app.callback()
+def listing(context: typer.Context, jobs: JobsOption = None) -> None:
+    from strokeplan.plotter.driving.jobs import Job, jobs_folder, listed
+
+    context.obj = jobs
+    if context.invoked_subcommand is None:
+        for job in listed(jobs_folder(jobs)):
+            if isinstance(job, Job):
+                state = "finished" if job.finished else f"{100 * job.done / job.order.units:.0f} %"
+                typer.echo(
+                    f"{job.name:<34} {state:<9} {job.done:,} of {job.order.units:,} strokes, "
+                    f"{job.order.profile} at {job.order.port}"
+                )
+            else:
+                typer.echo(f"broken: {job}")
+
+
+@jobs_app.command("remove")
+def remove(context: typer.Context, job: JobArgument) -> None:
+    """Forget a job: its plan, its progress."""
+    from strokeplan.plotter.driving import jobs as known
+
+    found = known.find(known.jobs_folder(context.obj), job)
+    known.remove(found)
+    typer.echo(f"removed {found.name}")
