@@ -145,7 +145,7 @@ def test_a_disk_that_is_full_stops_the_machine_pen_up(name: str) -> None:
 
 def test_a_command_that_is_none_of_drawing_stops_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     job = short_job("grbl_servo")
-    monkeypatch.setattr("strokeplan.plotter.driving.units.GcodeScript.line", lambda *_: iter(["$100=1"]))
+    monkeypatch.setattr("strokeplan.plotter.driving.scripts.GcodeScript.line", lambda *_: iter(["$100=1"]))
     ending, person = drive(job, Memory())
     assert "'$100=1' is no command of drawing" in ending.reason
     assert person.port.device.forbidden == ()
