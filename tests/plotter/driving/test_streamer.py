@@ -139,6 +139,7 @@ def test_a_disk_that_is_full_stops_the_machine_pen_up(name: str) -> None:
     ending, person = drive(job, Memory(full_at=2))
     assert not ending.finished
     assert "No space left" in ending.reason
+    assert ending.done == 2
     assert ending.pen_up
     assert not person.port.device.pen_down
 
