@@ -116,7 +116,7 @@ class GrblCodec:
         refuse_other(self.name, recognise(found or ""))
         link.drain(0.2)
         link.forget()
-        link.say("")  # whatever stands in the machine's line buffer ends here
+        link.say("#")  # whatever stands in the machine's line buffer is refused with it
         link.drain(0.2)
         version, options = self._identify(link)
         found = found or version
