@@ -152,8 +152,8 @@ class Streamer:
             passed = [key for key in self.marks if key <= event.key]
             units = [unit for key in passed if (unit := self.marks.pop(key)) is not None]
             if units:
-                self.done = max(units) + 1
                 self.keeper.advance(max(units), now)
+                self.done = max(units) + 1
                 self.control.progress(self.done, self.paused)
         elif isinstance(event, Fault):
             raise _Stop(event.text, event)
@@ -195,9 +195,15 @@ class Streamer:
                 phrases = self.codec.phrases
                 self.codec.say(self.link, phrases.up if wish is Wish.UP else phrases.down)
             else:
-                self.codec.feed(self.link.read(LOOK_S), self.link.now())
+                self._hear()
         self.codec.say(self.link, self.codec.phrases.up)
         self.control.progress(self.done, paused=False)
+
+    def _hear(self) -> None:
+        """What the machine says of itself while nothing is asked of it: that it has started anew, say."""
+        data = self.link.read(LOOK_S)
+        for event in self.codec.feed(data, self.link.now()) if data else ():
+            self._happened(event, self.link.now())
 
     def _finish(self) -> None:
         self._stand()

@@ -184,7 +184,7 @@ class Ebb(Device):
             yield from self._queue(name, given)
         elif name == "HM":
             yield from self._home(_numbers(given, 1, 3))
-        elif name.startswith("Q") or name in ("V", "ES", "CU"):
+        elif name.startswith("Q") or name in ("V", "ES", "CU", "PI"):
             self._query(name, given)
         elif name in SETTERS:
             self._set(name, given)
@@ -246,6 +246,8 @@ class Ebb(Device):
         version = ".".join(map(str, self.version))
         if name == "V":
             self._answer(f"EBBv13_and_above EB Firmware Version {version}", ok=False)
+        elif name == "PI":
+            self._reply("PI,0", b"\r\n")
         elif name == "QB":
             self._answer(str(int(self.button)))
             self.button = False
