@@ -7,7 +7,9 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from strokeplan.errors import InputError
+from strokeplan.plotter.profile import Ebb as EbbDialect
 from strokeplan.plotter.profile import Gcode, Profile
+from strokeplan.plotter.profile import Hpgl as HpglDialect
 from strokeplan.plotter.simulating.device import Device
 from strokeplan.plotter.simulating.faults import NONE, Faults, Faulty
 from strokeplan.plotter.simulating.recording import Drawn, Spot
@@ -73,6 +75,30 @@ def _device(profile: Profile, variant: str | None) -> Device:
         return _pick(kinds, variant or dialect.flavour, profile)(profile, dialect.flavour)
     if isinstance(dialect, Gcode) and dialect.flavour == "marlin":
         return _marlin(profile, variant)
+    if isinstance(dialect, Gcode) and dialect.flavour == "uarm":
+        from strokeplan.plotter.simulating.uarm import UArm
+
+        return _pick({"uarm": UArm}, variant or "uarm", profile)(profile)
+    if isinstance(dialect, HpglDialect):
+        from strokeplan.plotter.simulating.hpgl import Hpgl
+
+        models: dict[str, Callable[..., Device]] = {
+            "7475A": Hpgl,
+            "7470A": partial(Hpgl, model="7470A"),
+            "DXY": partial(Hpgl, model="DXY-1200"),
+        }
+        usual = "7470A" if dialect.buffer_bytes < 1024 else "DXY" if "roland" in profile.name else "7475A"
+        return _pick(models, variant or usual, profile)(profile)
+    if isinstance(dialect, EbbDialect):
+        from strokeplan.plotter.simulating.ebb import Ebb
+
+        boards: dict[str, Callable[..., Device]] = {
+            "ebb-2.8": Ebb,
+            "ebb-2.5": partial(Ebb, version=(2, 5, 3)),
+            "ebb-3.0": partial(Ebb, version=(3, 0, 3)),
+            "ebb-3.0-future": partial(Ebb, version=(3, 0, 3), future=True),
+        }
+        return _pick(boards, variant or "ebb-2.8", profile)(profile)
     raise InputError(f"profile {profile.name}: there is no simulator of its firmware")
 
 

@@ -289,8 +289,8 @@ class Marlin(Device):
         ):
             pass
         else:
-            return int(word[1:]) in SETTINGS  # type: ignore[return-value]
-        return True  # type: ignore[return-value]
+            return int(word[1:]) in SETTINGS
+        return True
 
     def _still(self) -> Main:
         self.steppers.begin(self.now)

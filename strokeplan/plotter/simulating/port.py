@@ -18,9 +18,10 @@ PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,-+")
 class SimulatedPort:
     """A Transport whose clock is the simulation's: it moves when somebody waits in `read`."""
 
-    def __init__(self, device: Firmware, baud: int = 115200, start_s: float = 0.0) -> None:
+    def __init__(self, device: Firmware, baud: int = 115200, start_s: float = 0.0, *, rtscts: bool = False) -> None:
         self.device, self.baud = device, baud
         self.byte_s = BITS / baud
+        self._rtscts = rtscts
         self._now = start_s
         self._wire: deque[int] = deque()
         """Bytes of the host that have not left it."""
@@ -75,13 +76,19 @@ class SimulatedPort:
         """The same device, opened again by another host after some time."""
         self.close()
         self._drain(self._now + after_s)
-        return type(self)(self.device, self.baud, self._now)
+        return type(self)(self.device, self.baud, self._now, rtscts=self._rtscts)
 
     def wait(self, seconds: float) -> None:
         """Time goes on; what comes is kept."""
         self._drain(self._now + seconds)
 
     # The wire
+
+    def _room(self) -> int:
+        """Bytes that the device takes now."""
+        if self._rtscts and not getattr(self.device, "clear_to_send", True):
+            return 0
+        return self.device.room()
 
     def _most(self) -> int:
         """Bytes that the system's port takes or gives at once."""
@@ -100,14 +107,14 @@ class SimulatedPort:
         """When something happens next: a byte reaches the device, or it does something."""
         due = self.device.next_event_s()
         step = inf if due is None else max(due, self._now)
-        if self._wire and self.device.room() > 0:
+        if self._wire and self._room() > 0:
             step = min(step, max(self._chunk()[1], self._now))
         return step
 
     def _chunk(self) -> tuple[int, float]:
         """How many bytes reach the device before it can tell them apart, and when the last of them is there."""
-        due, room, count = self.device.next_event_s(), self.device.room(), 0
-        first = max(self._free_s, self._now if self.device.room() < 1 << 16 else 0.0)
+        due, room, count = self.device.next_event_s(), self._room(), 0
+        first = max(self._free_s, self._now if self._room() < 1 << 16 else 0.0)
         limit = inf if due is None else due
         for byte in self._wire:
             if count == room or (count and first + (count + 1) * self.byte_s > limit):
@@ -119,7 +126,7 @@ class SimulatedPort:
 
     def _go(self, to_s: float) -> None:
         """Time goes on until then."""
-        if self._wire and self.device.room() > 0:
+        if self._wire and self._room() > 0:
             count, at_s = self._chunk()
             if at_s <= to_s:
                 data = bytes(self._wire.popleft() for _ in range(count))

@@ -10,10 +10,13 @@ from strokeplan.plotter.profile import Gcode, Hpgl, Profile
 def codec_for(profile: Profile, phrases: Phrases) -> Codec:
     """The codec of a profile's dialect and flavour. Raises PlotError for one that is for files only."""
     from strokeplan.plotter.driving.codecs.grbl import FLAVOURS, GrblCodec
+    from strokeplan.plotter.driving.codecs.marlin import MarlinCodec
 
     dialect = profile.dialect
     if isinstance(dialect, Gcode) and dialect.flavour in FLAVOURS:
         return GrblCodec(phrases, profile)
+    if isinstance(dialect, Gcode) and dialect.flavour == "marlin":
+        return MarlinCodec(phrases, profile)
     kind = dialect.flavour if isinstance(dialect, Gcode) else type(dialect).__name__.lower()
     raise PlotError(f"profile {profile.name}: {kind} cannot be driven over a port; export a file for it")
 

@@ -3,7 +3,8 @@
 Commands are sent as long as all that are unanswered fit the receive buffer; each is answered by one `ok` or `error:n`.
 A fence is `G4 P0.01 T<n>` and `$G`: the dwell waits for the motion before it, and the reply of `$G` shows the tool
 number, so that it is known which fence was reached, whatever has become of an `ok`. The tool number means nothing to a
-machine that never changes tools. Where a machine does not show it, fences count replies alone.
+machine that never changes tools. Where a machine does not show it, the replies of `$G` are counted: one that is lost
+leaves a fence unproven, never too many proven. A reply that is missing at the end is asked for again.
 
 `ok`s that were lost on the way are made up for at the next fence; one too many, or a feed that `$G` does not show any
 more (the board has started anew and its banner was lost), ends the stream.
@@ -22,6 +23,7 @@ from dataclasses import dataclass
 from strokeplan.errors import DriveError
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.link import Link
+from strokeplan.plotter.driving.through import through
 from strokeplan.plotter.profile import Profile
 from strokeplan.plotter.tools import PwmServo
 
@@ -40,6 +42,9 @@ IDLE_S = 120.0
 MOST_LOST = 3
 """More answers than these are not lost on a line that works: commands are."""
 TAGS = 99
+ASK_S = 0.3
+"""After the last answer: what `$G` showed was damaged, and it is asked for again."""
+TRIES = 5
 _WORDS = {
     "G0", "G1", "G2", "G3", "G4", "G17", "G21", "G40", "G49", "G54", "G61", "G64", "G80", "G90", "G91.1", "G94",
     "M3", "M5", "M7", "M8", "M9",
@@ -85,6 +90,7 @@ class GrblCodec:
         self.awaited: dict[int, _Awaited] = {}
         self.tag = 0
         self.feed_said: float | None = None
+        self.asked = 0
         self.dwelt = False
         self.longest_dwell_s = 0.0
         self.out = b""
@@ -186,28 +192,7 @@ class GrblCodec:
         self.say(link, self.phrases.up)
 
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
-        for command in commands:
-            link.say(command)
-            self._await_ok(link, command)
-        link.say("G4 P0.01")
-        self._await_ok(link, "G4 P0.01")
-
-    def _await_ok(self, link: Link, command: str) -> None:
-        """Wait for the reply; a machine that works on says so when it is asked for its state."""
-
-        def reply(line: str) -> str | None:
-            return line if line == "ok" or line.startswith(("error", "ALARM")) or _BANNER.match(line) else None
-
-        until = link.now() + IDLE_S
-        while link.now() < until:
-            found = link.hear(reply, ANSWER_S)
-            if found == "ok":
-                return
-            if found is not None:
-                raise DriveError(f"the machine answers {found!r} to {command!r}")
-            if not self._ask_state(link):
-                break
-        raise DriveError(f"the machine does not answer {command!r}")
+        through(self, link, commands)
 
     def _ask_state(self, link: Link, tries: int = 3) -> str:
         """ "Idle", "Hold:0", …; "" for a machine that is silent."""
@@ -241,8 +226,7 @@ class GrblCodec:
             locked = self._ask_state(link).startswith("Alarm")
         if locked:
             known = False
-            link.say("$X")
-            self._await_ok(link, "$X")
+            self._query(link, "$X")
         self.say(link, self.phrases.start)
         self.say(link, self.phrases.up if known else self.phrases.lift)
         if fault is None and known:
@@ -269,7 +253,7 @@ class GrblCodec:
     def _clear(self) -> None:
         self.sent.clear()
         self.awaited.clear()
-        self.used, self.out, self.feed_said, self.dwelt = 0, b"", None, False
+        self.used, self.out, self.feed_said, self.dwelt, self.asked = 0, b"", None, False, 0
 
     # Streaming
 
@@ -315,6 +299,11 @@ class GrblCodec:
 
     def outgoing(self, now: float) -> bytes:
         data, self.out = self.out, b""
+        if self.awaited and not self.sent and now - self.answered > ASK_S and self.asked < TRIES:
+            self.asked += 1
+            self.awaited = dict([self.awaited.popitem()])
+            self._send(_Sent(3, "$G", next(iter(self.awaited))), now)
+            return self.outgoing(now)
         if now - self.polled >= POLL_S:
             if now - self.polled > 10 * POLL_S:  # the stream rested: the machine was not asked
                 self.heard = self.answered = now
@@ -323,7 +312,7 @@ class GrblCodec:
         return data
 
     def wait_s(self, now: float) -> float:
-        return max(self.polled + POLL_S - now, 0.0)
+        return max(self.polled + POLL_S - now, 0.0)  # a poll is more frequent than anything else
 
     def feed(self, data: bytes, now: float) -> list[Event]:
         if self.link is None:
@@ -345,8 +334,6 @@ class GrblCodec:
             return [Fault("confused", "the machine answers more often than it was told; bytes were damaged on the way")]
         sent = self.sent.popleft()
         self.used -= sent.size
-        if sent.tag is not None and not self.tagged and sent.tag in self.awaited:
-            return [Fenced(self.awaited.pop(sent.tag).key)]
         return []
 
     def _pushed(self, line: str, now: float) -> list[Event]:
@@ -354,14 +341,19 @@ class GrblCodec:
         if (state := _state(line)) is not None:
             return self._status(state, now)
         shown = re.search(r"^\[GC:.* T(\d+) F([\d.]+)", line)
-        if not self.tagged or shown is None or (awaited := self.awaited.get(int(shown[1]))) is None:
+        if shown is None or not self.awaited:
             return []
-        return self._reached(int(shown[1]), float(shown[2]), awaited)
+        tag = int(shown[1]) if self.tagged else next(iter(self.awaited))
+        if tag not in self.awaited:
+            return []
+        return self._reached(tag, float(shown[2]), self.awaited[tag])
 
     def _reached(self, tag: int, feed: float, awaited: _Awaited) -> list[Event]:
         if awaited.feed is not None and abs(feed - awaited.feed) > 1.0:
             return [Fault("reset", "the machine has started anew, or lost commands: it has forgotten its feed")]
         before = [sent.tag for sent in self.sent]
+        if tag not in before and self.asked:  # every command was answered, and the question was put again
+            before = [tag]
         if tag not in before:
             return [Fault("confused", "the machine answers more often than it was told; bytes were damaged on the way")]
         lost = before.index(tag)
@@ -371,6 +363,7 @@ class GrblCodec:
             self.used -= self.sent.popleft().size
         for earlier in [key for key, one in self.awaited.items() if one.key <= awaited.key]:
             del self.awaited[earlier]
+        self.asked = 0
         return [Fenced(awaited.key)]
 
     def _status(self, state: str, now: float) -> list[Event]:
@@ -397,6 +390,8 @@ class GrblCodec:
     def overdue(self, now: float) -> list[Event]:
         if now - self.heard > SILENT_S:
             return [Fault("silent", f"the machine says nothing for {SILENT_S:g} s")]
+        if self.asked >= TRIES and now - self.answered > ASK_S:
+            return [Fault("confused", "the machine does not show its state ($G) any more")]
         still = self.longest_dwell_s + 2.0
         if self.sent and self.idle_since is not None and min(now - self.idle_since, now - self.answered) > still:
             return [Fault("confused", "the machine rests, and answers are missing: bytes were lost on the way")]

@@ -1,0 +1,27 @@
+"""A short exchange with a codec that streams: some commands and a fence, waited for."""
+
+from __future__ import annotations
+
+from strokeplan.errors import DriveError
+from strokeplan.plotter.driving.codec import Codec, Fault, Fence, Fenced, Item
+from strokeplan.plotter.driving.link import LOOK_S, Emergency, Link
+
+
+def through(codec: Codec, link: Link, commands: tuple[str, ...]) -> None:
+    """Have commands carried out while nothing else is under way. Raises DriveError for any fault, Emergency."""
+    items: list[Item] = [*commands, Fence(0)]
+    while True:
+        now = link.now()
+        while items and codec.take(items[0], now):
+            items.pop(0)
+        link.push(codec.outgoing(now))
+        data = link.read(min(codec.wait_s(now), LOOK_S))
+        now = link.now()
+        events = codec.feed(data, now) if data else []
+        for event in (*events, *codec.overdue(now)):
+            if isinstance(event, Fault):
+                raise DriveError(event.text)
+            if isinstance(event, Fenced):
+                return
+        if link.emergency():
+            raise Emergency
