@@ -13,7 +13,19 @@ from typing import Annotated
 
 import typer
 
-from strokeplan.cli import convert, driving, inkscape, inspection, planning, presets, preview, profiles, rendering
+from strokeplan.cli import (
+    convert,
+    driving,
+    inkscape,
+    inspection,
+    planning,
+    presets,
+    preview,
+    profiles,
+    rendering,
+    setup,
+    simulating,
+)
 from strokeplan.errors import StrokeplanError
 from strokeplan.version import __version__
 
@@ -59,6 +71,13 @@ app.command("preview")(preview.preview)
 app.command("plot")(driving.plot)
 app.command("resume")(driving.resume)
 app.add_typer(driving.jobs_app, name="jobs")
+app.command("ports")(setup.ports)
+app.command("jog", context_settings={"ignore_unknown_options": True})(setup.jog)
+app.command("home")(setup.home)
+app.command("frame")(setup.frame)
+app.command("origin")(setup.origin)
+app.add_typer(setup.pen_app, name="pen")
+app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(inkscape.app, name="inkscape")

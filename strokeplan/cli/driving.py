@@ -39,7 +39,8 @@ MachineOption = Annotated[
     str, typer.Option("--profile", metavar="NAME|FILE", help="The machine; `strokeplan profiles` lists them.")
 ]
 PortOption = Annotated[
-    str | None, typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://….")
+    str | None,
+    typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://…, or auto."),
 ]
 BaudOption = Annotated[int | None, typer.Option("--baud", help="Of the port; by default what such machines have.")]
 DryRunOption = Annotated[
@@ -246,14 +247,16 @@ def _drive(
     from strokeplan.plotter.driving.codecs import baud_of
     from strokeplan.plotter.driving.jobs import journal
     from strokeplan.plotter.driving.link import Link
+    from strokeplan.plotter.driving.ports import chosen
     from strokeplan.plotter.driving.streamer import Streamer
     from strokeplan.plotter.driving.timetable import timetable
     from strokeplan.plotter.driving.transport import open_port
 
     table = timetable(work.program, work.copies)
+    port = chosen(port, machine)
     with (
-        _traced(trace) as record,
-        _opened(open_port(port, baud or baud_of(machine))) as transport,
+        traced(trace) as record,
+        opened(open_port(port, baud or baud_of(machine))) as transport,
         at_the_machine(table, yes=yes, quiet=quiet) as operator,
     ):
         link = Link(transport, trace=record, emergency=operator.emergency)
@@ -286,7 +289,7 @@ def _met(link: Link, codec: Codec, *, home: bool) -> str:
 
 
 @contextmanager
-def _opened(transport: Any) -> Iterator[Any]:
+def opened(transport: Any) -> Iterator[Any]:
     try:
         yield transport
     finally:
@@ -294,7 +297,7 @@ def _opened(transport: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _traced(path: Path | None) -> Iterator[IO[str] | None]:
+def traced(path: Path | None) -> Iterator[IO[str] | None]:
     from strokeplan.errors import OutputError
     from strokeplan.files import check_writable
 

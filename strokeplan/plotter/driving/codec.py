@@ -25,7 +25,7 @@ settings, firmware and files are out of reach of a plan or a profile.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from strokeplan.errors import DriveError
 from strokeplan.plotter.driving.link import Link
@@ -141,6 +141,23 @@ class Codec(Protocol):
 
     def emergency(self, link: Link) -> None:
         """Stop at once; what the machine answers does not matter."""
+
+
+@runtime_checkable
+class Locator(Protocol):
+    """What a codec has besides if its machine knows where it stands; set-up commands ask whether it does (setup.py).
+
+    Coordinates are millimetres as the codec's commands have them.
+    """
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        """Where the machine says that it stands, at rest; None if it does not say. After `start`."""
+
+    def put(self, link: Link, x_mm: float, y_mm: float) -> str:
+        """Let the present place be these coordinates, and write no setting; how, in words, and how long it lasts.
+
+        Raises DriveError for a machine whose origin is its own. A codec's `stop` keeps what was put.
+        """
 
 
 class WrongDeviceError(DriveError):

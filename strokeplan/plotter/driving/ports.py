@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from strokeplan.errors import DriveError, InputError, PlotError
@@ -118,7 +119,9 @@ def chosen(port: str, profile: Profile, ports: Callable[[], Sequence[Port]] | No
         return fitting[0].device
     if fitting:
         names = ", ".join(f"{one.device} ({one.chip})" for one in fitting)
-        raise InputError(f"--port auto: {len(fitting)} ports may be {profile.name} ({wanted}): {names}; name one of them")
+        raise InputError(
+            f"--port auto: {len(fitting)} ports may be {profile.name} ({wanted}): {names}; name one of them"
+        )
     others = ", ".join(f"{one.device} ({one.chip or one.ids or 'no USB ids'})" for one in found) or "nothing"
     raise InputError(
         f"--port auto: no port looks like {profile.name} ({wanted}); plugged in: {others}; give --port PORT"
@@ -132,6 +135,24 @@ def ask(open_at: Callable[[int], Transport]) -> tuple[str, str] | None:
     """
     found = _asked(open_at(115200), _board)
     return found or _asked(open_at(PLOTTER_BAUD), _pen_plotter)
+
+
+def keep_awake(transport: Transport) -> None:
+    """Keep DTR up when the port is closed (POSIX), so that the next opening does not start the machine anew.
+
+    What the machine knows of its place is kept from one set-up command to the next, and to the drawing. The very first
+    opening after plugging in resets all the same.
+    """
+    descriptor = getattr(transport, "descriptor", None)
+    try:
+        import termios
+    except ImportError:  # Windows
+        return
+    if descriptor is not None:
+        with suppress(termios.error):  # a socket
+            attributes = termios.tcgetattr(descriptor)
+            attributes[2] &= ~termios.HUPCL
+            termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def _asked(transport: Transport, how: Callable[[Link], tuple[str, str] | None]) -> tuple[str, str] | None:

@@ -41,23 +41,43 @@ def unit_of(key: str) -> str:
     return key.rpartition("_")[2]
 
 
-def tried(profile: Profile, key: str, value: float) -> Profile:
-    """The profile with another value in its tool. Raises ProfileError for one that it cannot have."""
+def pen_index(profile: Profile, name: str) -> int:
+    """Which of the profile's own pens has that name. Raises ProfileError."""
+    names = [pen.name for pen in profile.pens]
+    if name not in names:
+        known = ", ".join(names) or "none"
+        raise ProfileError(f"profile {profile.name} says nothing of a pen {name!r}; of its own it has {known}")
+    return names.index(name)
+
+
+def value_of(profile: Profile, key: str, pen: str | None = None) -> float | None:
+    """What the profile says of a height, for one of its pens if that has its own; None: nothing."""
+    own = None if pen is None else getattr(profile.pens[pen_index(profile, pen)], key, None)
+    found = getattr(profile.tool, key) if own is None else own
+    return None if found is None else float(found)
+
+
+def tried(profile: Profile, key: str, value: float, pen: str | None = None) -> Profile:
+    """The profile with another height, of its tool or of one of its pens. Raises ProfileError for one out of range."""
     raw: dict[str, Any] = msgspec.to_builtins(profile)
-    raw["tool"][key] = value
-    for pen in raw["pens"]:
-        if pen.get(key) is not None:  # what is tried is tried for every pen
-            pen[key] = value
+    part = raw["tool"] if pen is None else raw["pens"][pen_index(profile, pen)]
+    part[key] = value
     try:
         return msgspec.convert(raw, Profile)
     except msgspec.ValidationError as error:
-        raise ProfileError(f"{UNITS.get(unit_of(key), key)} {value:g}: {str(error).partition(' - at')[0]}") from None
+        text = " ".join(str(error).partition(" - at `$")[0].split())
+        raise ProfileError(f"{UNITS.get(unit_of(key), key)} {value:g}: {text}") from None
 
 
-def saved(name: str, table: str, key: str, value: float | Sequence[float]) -> Path:
-    """Write one value into the user's own profile; where that is. Raises ProfileError, OutputError.
+def saved(
+    name: str, table: str, key: str, value: float | Sequence[float], *, item: int | None = None
+) -> tuple[Path, bool]:
+    """Write one value into the user's own profile; where that is, and whether it was begun for it.
 
     name    a profile's name, or a .toml file, which is changed where it stands.
+    item    which of a list of tables, from 0 ([[pens]]); None: the table itself ([tool]).
+
+    Raises ProfileError, OutputError; nothing is written then.
     """
     if name.endswith(".toml"):
         target = Path(name)
@@ -67,7 +87,8 @@ def saved(name: str, table: str, key: str, value: float | Sequence[float]) -> Pa
             raise ProfileError(f"profile {name}: cannot be read ({error.strerror})") from None
     else:
         target, data = user_folder() / f"{name}.toml", source(name)
-    edited = changed(data, table, key, value, where=name)
+    begun = not target.exists()
+    edited = changed(data, table, key, value, item=item, where=name)
     parse(edited, name, target.stem)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -75,32 +96,39 @@ def saved(name: str, table: str, key: str, value: float | Sequence[float]) -> Pa
         raise OutputError(f"{target.parent}: cannot be made ({error.strerror})") from None
     with atomic_write(target) as stream:
         stream.write(edited)
-    return target
+    return target, begun
 
 
-def changed(data: bytes, table: str, key: str, value: float | Sequence[float], *, where: str) -> bytes:
+def changed(
+    data: bytes, table: str, key: str, value: float | Sequence[float], *, where: str, item: int | None = None
+) -> bytes:
     """TOML text with one value changed, or added below its table's head. Raises ProfileError where that is not certain.
 
     where   the profile's name, for messages.
     """
-    shown = _written(value)
-    by_hand = ProfileError(f"profile {where}: its text is not the usual one; set {key} = {shown} in [{table}] by hand")
+    shown = written(value)
+    place = f"[{table}]" if item is None else f"[[{table}]] number {item + 1}"
+    by_hand = ProfileError(f"profile {where}: its text is not the usual one; set {key} = {shown} in {place} by hand")
     try:
         text = data.decode("utf-8")
-        before = tomllib.loads(text)
+        expected = tomllib.loads(text)
     except ValueError as error:
         raise ProfileError(f"profile {where}: is not TOML ({error})") from None
     lines = text.split("\n")
-    head = next((k for k, line in enumerate(lines) if re.match(rf"\s*\[\s*{table}\s*\]\s*(#.*)?$", line)), None)
-    if head is None or not isinstance(before.get(table), dict):
-        raise by_hand
+    inner = re.escape(table) if item is None else rf"\[\s*{re.escape(table)}\s*\]"
+    heads = [k for k, line in enumerate(lines) if re.match(rf"\s*\[\s*{inner}\s*\]\s*(#.*)?$", line)]
+    try:
+        head = heads[item or 0]
+        part = expected[table] if item is None else expected[table][item]
+        part[key] = tomllib.loads(f"v = {shown}")["v"]
+    except (LookupError, TypeError):
+        raise by_hand from None
     at, found = _entry(lines, head, key)
     if found is None:
         lines.insert(at, f"{key} = {shown}" + ("\r" if lines[head].endswith("\r") else ""))
     else:
         lines[at] = found[1] + shown + found[3]
     edited = "\n".join(lines)
-    expected = {**before, table: {**before[table], key: tomllib.loads(f"v = {shown}")["v"]}}
     try:
         sound = tomllib.loads(edited) == expected
     except ValueError:
@@ -120,9 +148,9 @@ def _entry(lines: Sequence[str], head: int, key: str) -> tuple[int, re.Match[str
     return head + 1, None
 
 
-def _written(value: float | Sequence[float]) -> str:
+def written(value: float | Sequence[float]) -> str:
     """As TOML has it, in thousandths."""
     if not isinstance(value, int | float):
-        return f"[{', '.join(map(_written, value))}]"
+        return f"[{', '.join(map(written, value))}]"
     text = f"{value:.3f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") else text

@@ -76,6 +76,10 @@ class Script:
         """The commands of line j."""
         raise NotImplementedError
 
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        """The commands that carry the pen, up, from where it is to another place, mm of the machine."""
+        raise PlotError(f"{self.program.profile.name}: its dialect cannot be moved by hand yet")
+
     def visit(self, stop: Visit) -> Iterator[str]:
         """The commands of a stay at a well."""
         return iter(())
@@ -190,6 +194,9 @@ class GcodeScript(Script):
 
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         return self.writer.line(j, pen)
+
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        yield self.writer.rapid(f"X{number(end[0])} Y{number(end[1])}")
 
     def visit(self, stop: Visit) -> Iterator[str]:
         return (text for text in self.writer.visit(stop) if not text.startswith(";"))

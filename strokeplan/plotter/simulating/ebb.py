@@ -213,10 +213,7 @@ class Ebb(Device):
         if name == "S2":
             pulse, pin, *rest = _numbers(given, 2, 4)
             return Servo(pulse if pin == self.tool.pin else -1, (rest[1] if len(rest) > 1 else 0) / 1000)
-        if name == "TP":
-            values = [int(not self.pen_up), *_numbers(given, 0, 1)]
-        else:
-            values = _numbers(given, 1, 3)
+        values = _numbers(given, 1, 3) if name == "SP" else [int(not self.pen_up), *_numbers(given, 0, 1)]
         up, ms = values[0], values[1] if len(values) > 1 else 0
         if up not in (0, 1):
             raise EbbError("!6 Err: Invalid parameter value")

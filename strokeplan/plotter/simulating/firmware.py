@@ -118,3 +118,8 @@ def _pick(kinds: Mapping[str, T], variant: str, profile: Profile) -> T:
     if variant not in kinds:
         raise InputError(f"variant {variant!r} is none of {profile.name}; there are {', '.join(kinds)}")
     return kinds[variant]
+
+
+def usual_baud(profile: Profile) -> int:
+    """The speed of the wire; USB boards have none, and take this for it."""
+    return 9600 if isinstance(profile.dialect, HpglDialect) else 115200

@@ -54,6 +54,7 @@ class Hpgl(Device):
         """Free bytes below which it says Xoff; None without that handshake."""
         self._off = False
         self._hardwire = False
+        self._block = 80
         self.io_error = 0
         self._reset_graphics()
         self.slot = 0
@@ -103,7 +104,7 @@ class Hpgl(Device):
     @property
     def clear_to_send(self) -> bool:
         """The plotter's DTR, which a cable leads to the host's CTS."""
-        return not self._hardwire or self.size - len(self.buffer) > 80
+        return not self._hardwire or self.size - len(self.buffer) >= self._block
 
     # Bytes
 
@@ -157,8 +158,9 @@ class Hpgl(Device):
         numbers += [None] * 3
         if letter == b"@":
             self._hardwire = bool((numbers[1] or 0) & 1)
-        elif letter == b"I" and numbers[2] == XON:
-            self._xoff = numbers[0] or 80
+        elif letter == b"I":
+            self._block = numbers[0] or 80
+            self._xoff = self._block if numbers[2] == XON else None
         elif letter == b"N" and numbers[1] not in (None, XOFF):
             self._xoff = None
 
@@ -171,14 +173,13 @@ class Hpgl(Device):
         elif letter == b"L":
             self._say(self.size)
         elif letter == b"O":
-            self._say(8 * (not self._busy()) + 16 * self.paused + 32 * self.lever)
+            # 8 only means that the buffer is empty: the last instruction may still be drawn
+            self._say(8 * (not self.buffer) + 16 * self.paused + 32 * self.lever)
         elif letter == b"K":
             self.buffer.clear()
             self._main, self._wait = self._aborted(), self.now
         elif letter == b"R":
             self._xoff, self._hardwire, self._off = None, False, False
-        elif letter == b"A":
-            self._out += f"{self.model},1\r".encode("ascii")
         elif letter not in b"J(YZ)":
             self.io_error = 11
 

@@ -50,7 +50,7 @@ class SimulatedPort:
         self._check()
         end = self._now + timeout_s
         while not (self._back and self._back[0][0] <= self._now):
-            step = min(self._next(), self._back[0][0] if self._back else inf)
+            step = self.next_s()
             if step > end or (timeout_s <= 0 and step > self._now):
                 self._go(end)
                 break
@@ -81,6 +81,10 @@ class SimulatedPort:
     def wait(self, seconds: float) -> None:
         """Time goes on; what comes is kept."""
         self._drain(self._now + seconds)
+
+    def next_s(self) -> float:
+        """When something happens next by itself."""
+        return min(self._next(), self._back[0][0] if self._back else inf)
 
     # The wire
 

@@ -21,6 +21,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from strokeplan.errors import DriveError
+from strokeplan.plotter.dialects.gcode import number
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.through import through
@@ -42,6 +43,8 @@ IDLE_S = 120.0
 MOST_LOST = 3
 """More answers than these are not lost on a line that works: commands are."""
 TAGS = 99
+REPORTS = 40
+"""The offset of coordinates stands in one report of 10, of a machine that works in one of 30."""
 ASK_S = 0.3
 """After the last answer: what `$G` showed was damaged, and it is asked for again."""
 TRIES = 5
@@ -95,6 +98,8 @@ class GrblCodec:
         self.longest_dwell_s = 0.0
         self.out = b""
         self.locked = False
+        self.shift: tuple[float, float] | None = None
+        """What G92 has moved the origin by, as `$#` shows it."""
         self.link: Link | None = None
         self.polled = self.heard = self.answered = 0.0
         self.state = ""
@@ -122,6 +127,7 @@ class GrblCodec:
             raise DriveError("no answer: is the machine on, is this its port? (the profile speaks GRBL at 115200 baud)")
         self._be_idle(link)
         self._measure(options)
+        self._see_shift(link)
         self._see_tags(link)
         self._refuse_laser(link)
         return " ".join(filter(None, [found.split(" [")[0], version]))
@@ -194,6 +200,39 @@ class GrblCodec:
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         through(self, link, commands)
 
+    def place(self, link: Link) -> tuple[float, float] | None:
+        """From status reports: WPos, or MPos and the offset that every tenth report shows."""
+        scale = 25.4 if "$13=1" in self._query(link, "$$") else 1.0
+        seen: dict[str, tuple[float, float]] = {}
+        for _ in range(REPORTS):
+            link.push(b"?")
+            report = link.hear(lambda line: line if _state(line) is not None else None, 1.0) or ""
+            for name, x, y in re.findall(r"\|(WPos|MPos|WCO):(-?[\d.]+),(-?[\d.]+)", report):
+                seen[name] = float(x) * scale, float(y) * scale
+            if "MPos" in seen and "WCO" in seen:
+                (x_mm, y_mm), (dx, dy) = seen["MPos"], seen["WCO"]
+                return x_mm - dx, y_mm - dy
+            if "WPos" in seen:
+                return seen["WPos"]
+        return None
+
+    def put(self, link: Link, x_mm: float, y_mm: float) -> str:
+        self.say(link, (f"G92 X{number(x_mm)} Y{number(y_mm)}",))
+        self._see_shift(link)
+        return "G92, which lasts until the machine is reset or switched off"
+
+    def _see_shift(self, link: Link) -> None:
+        """Whether G92 has moved the origin: a reset forgets it."""
+        line = next((line for line in self._query(link, "$#") if line.startswith("[G92:")), "[G92:0,0]")
+        values = [float(text) for text in re.findall(r"-?\d+(?:\.\d+)?", line)[1:3]]
+        self.shift = (values[0], values[1]) if any(values) and len(values) == 2 else None
+
+    def _shift_again(self, link: Link) -> None:
+        """What G92 said before a reset that the position has survived."""
+        place = self.place(link) if self.shift else None
+        if self.shift and place:
+            self.say(link, (f"G92 X{number(place[0] - self.shift[0])} Y{number(place[1] - self.shift[1])}",))
+
     def _ask_state(self, link: Link, tries: int = 3) -> str:
         """ "Idle", "Hold:0", …; "" for a machine that is silent."""
         for _ in range(tries):
@@ -228,6 +267,8 @@ class GrblCodec:
             known = False
             self._query(link, "$X")
         self.say(link, self.phrases.start)
+        if known:
+            self._shift_again(link)
         self.say(link, self.phrases.up if known else self.phrases.lift)
         if fault is None and known:
             self.say(link, self.phrases.park)
