@@ -237,7 +237,7 @@ def pen_down(
     with _machine(tuned.machine, port, baud, trace, pen=pen) as session:
         session.lower()
         if stay:
-            session.down = False
+            session.down = session.taken = False
             typer.echo(f"the pen is down{tuned.text}, and stays down: strokeplan pen up raises it")
         else:
             _hold_down(session, tuned, seconds)
@@ -309,7 +309,7 @@ def _machine(
             else:
                 session.begin()
             if at is not None:
-                session.put(*at)
+                session.claim(*at)
             elif not session.told:
                 typer.echo("note: this machine does not say where it is; it is taken to stand at X0 Y0", err=True)
             yield session

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from strokeplan.errors import PlotError
 from strokeplan.plotter import motion
-from strokeplan.plotter.profile import Ebb
-from strokeplan.plotter.program import Program, limits
+from strokeplan.plotter.profile import Ebb, Profile
+from strokeplan.plotter.program import JobPen, Program, limits
 from strokeplan.plotter.tools import EbbServo
 
 MAX_STEPS_MS = 24.9
@@ -48,23 +48,13 @@ def _plain(text: str) -> str:
 
 
 def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
-    own = program.pens[0].settings
-    down = tool.down_percent if own.down_percent is None else own.down_percent
-    lower_s = tool.lower_s if own.lower_s is None else own.lower_s
-    raise_s = tool.raise_s if own.raise_s is None else own.raise_s
-    yield f"EM,{SIXTEENTH},{SIXTEENTH}"
-    yield f"SC,4,{_pulse(tool, tool.up_percent)}"
-    yield f"SC,5,{_pulse(tool, down)}"
-    yield f"SC,11,{tool.raise_rate}"
-    yield f"SC,12,{tool.lower_rate}"
-    up, lower = f"SP,1,{round(raise_s * 1000)}", f"SP,0,{round(lower_s * 1000)}"
-    if tool.pin is not None:
-        up = f"S2,{_pulse(tool, tool.up_percent)},{tool.pin},{tool.raise_rate},{round(raise_s * 1000)}"
-        lower = f"S2,{_pulse(tool, down)},{tool.pin},{tool.lower_rate},{round(lower_s * 1000)}"
+    pen = program.pens[0]
+    up, lower = pen_commands(tool, pen)
+    yield from start(tool, pen)
     yield up
     lines = range(len(program) + 1)
     stroke, drawn, moves = _slices(program, dialect)
-    commands = [f"XM,{ms},{a},{b}" for ms, a, b in moves.tolist()]
+    commands = xm(moves)
     begins = np.searchsorted(stroke, lines).tolist()
     downs = (begins + np.bincount(stroke[~drawn], minlength=len(lines))).tolist()
     for j in lines[:-1]:
@@ -74,6 +64,36 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
         yield up
     yield from commands[begins[-1] :]
     yield "EM,0,0"
+
+
+def start(tool: EbbServo, pen: JobPen) -> Iterator[str]:
+    """Motors on, and where the servo has the pen."""
+    own = pen.settings
+    down = tool.down_percent if own.down_percent is None else own.down_percent
+    yield f"EM,{SIXTEENTH},{SIXTEENTH}"
+    yield f"SC,4,{_pulse(tool, tool.up_percent)}"
+    yield f"SC,5,{_pulse(tool, down)}"
+    yield f"SC,11,{tool.raise_rate}"
+    yield f"SC,12,{tool.lower_rate}"
+
+
+def pen_commands(tool: EbbServo, pen: JobPen) -> tuple[str, str]:
+    """Up and down."""
+    own = pen.settings
+    down = tool.down_percent if own.down_percent is None else own.down_percent
+    lower_s = tool.lower_s if own.lower_s is None else own.lower_s
+    raise_s = tool.raise_s if own.raise_s is None else own.raise_s
+    if tool.pin is None:
+        return f"SP,1,{round(raise_s * 1000)}", f"SP,0,{round(lower_s * 1000)}"
+    return (
+        f"S2,{_pulse(tool, tool.up_percent)},{tool.pin},{tool.raise_rate},{round(raise_s * 1000)}",
+        f"S2,{_pulse(tool, down)},{tool.pin},{tool.lower_rate},{round(lower_s * 1000)}",
+    )
+
+
+def xm(moves: NDArray[np.int64]) -> list[str]:
+    """Slices (s, 3) as commands."""
+    return [f"XM,{ms},{a},{b}" for ms, a, b in moves.tolist()]
 
 
 def _pulse(tool: EbbServo, percent: float) -> int:
@@ -86,7 +106,19 @@ def _slices(program: Program, dialect: Ebb) -> tuple[NDArray[np.int64], NDArray[
     points = np.concatenate([points, [[0.0, 0.0]]])
     starts = np.concatenate([starts, [len(points)]])
     feeds = np.concatenate([program.feeds, [program.profile.speeds.travel_mm_min]])
-    moved = motion.plan(points, starts, limits(program.profile), feeds)
+    return slices(points, starts, feeds, program.profile, dialect)
+
+
+def slices(
+    points: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    feeds: NDArray[np.float64],
+    profile: Profile,
+    dialect: Ebb,
+    begin: tuple[float, float] = (0.0, 0.0),
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64]]:
+    """Of polylines that are drawn from `begin` on: line and whether drawn, (s,) each; ms and steps of x, y (s, 3)."""
+    moved = motion.plan(points, starts, limits(profile), feeds, start=begin)
     if not len(moved.duration):  # a dot where the pen is
         return moved.stroke, moved.down, np.empty((0, 3), np.int64)
     cuts = np.maximum(np.ceil(moved.duration * 1000 / dialect.slice_ms), 1).astype(np.int64)
@@ -95,7 +127,8 @@ def _slices(program: Program, dialect: Ebb) -> tuple[NDArray[np.int64], NDArray[
     at = moved.at(moved.began[block] + part * moved.duration[block]).points
     last = part == 1
     at[last] = moved.end[block[last]]
-    steps = np.diff(np.rint(at * dialect.steps_mm).astype(np.int64), axis=0, prepend=0)
+    first = np.rint(np.array([begin]) * dialect.steps_mm).astype(np.int64)
+    steps = np.diff(np.rint(at * dialect.steps_mm).astype(np.int64), axis=0, prepend=first)
     ms = np.ceil(moved.duration[block] * 1000 / cuts[block] - 1e-9)
     ms = np.maximum(np.maximum(ms, dialect.min_ms), np.ceil(np.abs(steps).sum(axis=1) / MAX_STEPS_MS))
     moves = np.column_stack([ms.astype(np.int64), steps])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from strokeplan.errors import PlotError
 from strokeplan.plotter.machine import find_paper
 from strokeplan.plotter.profile import Hpgl
-from strokeplan.plotter.program import Program
+from strokeplan.plotter.program import JobPen, Program
 
 MAX_UNIT = 32767
 MM_MIN_PER_CM_S = 600
@@ -39,24 +39,36 @@ def encode(program: Program) -> bytes:
 
 
 def _commands(program: Program, dialect: Hpgl, units: NDArray[np.int64], starts: NDArray[np.int64]) -> Iterator[str]:
+    yield from start(program)
+    changes = set(program.changes)
+    for j in range(len(program)):
+        if j in changes:
+            yield from taken(program.pens[program.pen[j]], float(program.feeds[j]), dialect)
+        yield from line_commands(units[starts[j] : starts[j + 1]].tolist(), dialect.buffer_bytes // 2)
+    yield "SP0;"
+
+
+def start(program: Program) -> Iterator[str]:
+    """What comes before all lines."""
     yield "IN;"
     if program.profile.papers:
         paper, _ = find_paper(program.transform.page, program.profile)
         if paper.code is not None:
             yield f"PS{paper.code};"
     yield "PA;"
-    changes = set(program.changes)
-    for j in range(len(program)):
-        if j in changes:
-            pen = program.pens[program.pen[j]]
-            speed = min(float(program.feeds[j]) / MM_MIN_PER_CM_S, dialect.max_speed_cm_s)
-            yield f"SP{pen.slot};"
-            yield f"VS{speed:.1f};"
-        line = units[starts[j] : starts[j + 1]].tolist()
-        yield f"PU{line[0][0]},{line[0][1]};"
-        yield from _drawn(line, dialect.buffer_bytes // 2)
-        yield "PU;"
-    yield "SP0;"
+
+
+def taken(pen: JobPen, feed: float, dialect: Hpgl) -> Iterator[str]:
+    """Another pen, and its speed (mm/min)."""
+    yield f"SP{pen.slot};"
+    yield f"VS{min(feed / MM_MIN_PER_CM_S, dialect.max_speed_cm_s):.1f};"
+
+
+def line_commands(line: list[list[int]], room: int) -> Iterator[str]:
+    """One line in units: there, along it in commands of at most `room` bytes, pen up."""
+    yield f"PU{line[0][0]},{line[0][1]};"
+    yield from _drawn(line, room)
+    yield "PU;"
 
 
 def _drawn(line: list[list[int]], room: int) -> Iterator[str]:

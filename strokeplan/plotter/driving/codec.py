@@ -147,13 +147,13 @@ class Codec(Protocol):
 class Locator(Protocol):
     """What a codec has besides if its machine knows where it stands; set-up commands ask whether it does (setup.py).
 
-    Coordinates are millimetres as the codec's commands have them.
+    Coordinates are those of the codec's commands: millimetres, or the units that a script's `unit_mm` tells.
     """
 
     def place(self, link: Link) -> tuple[float, float] | None:
         """Where the machine says that it stands, at rest; None if it does not say. After `start`."""
 
-    def put(self, link: Link, x_mm: float, y_mm: float) -> str:
+    def put(self, link: Link, x: float, y: float) -> str:
         """Let the present place be these coordinates, and write no setting; how, in words, and how long it lasts.
 
         Raises DriveError for a machine whose origin is its own. A codec's `stop` keeps what was put.

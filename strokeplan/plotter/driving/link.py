@@ -16,6 +16,8 @@ from strokeplan.plotter.driving.transport import Transport
 Found = TypeVar("Found")
 PATIENCE_S = 10.0
 """A port that takes no byte for so long is stuck."""
+TICK_S = 0.0005
+"""The shortest wait: clocks that add up small numbers come no nearer to a time than that."""
 LOOK_S = 0.1
 """A conversation looks for an emergency stop as often as this."""
 MAX_LINE = 400
@@ -65,7 +67,7 @@ class Link:
         if self.pending:
             self.push()
             timeout_s = min(timeout_s, 0.01) if self.pending else timeout_s
-        data = self.transport.read(timeout_s)
+        data = self.transport.read(max(timeout_s, TICK_S))
         if data:
             self._record("<", data)
         return data

@@ -22,7 +22,7 @@ from strokeplan.plotter.driving.transport import Transport, require_serial
 from strokeplan.plotter.profile import Ebb, Hpgl, Profile
 
 AUTO = "auto"
-ANY = ("GRBL", "Marlin", "uArm", "HPGL")
+ANY = ("GRBL", "Marlin", "uArm", "HP-GL")
 """What speaks through a chip that anyone may buy."""
 BOARDS = ("GRBL", "Marlin", "uArm")
 IDS: dict[tuple[int, int | None], tuple[str, tuple[str, ...]]] = {
@@ -96,7 +96,7 @@ def family(profile: Profile) -> str:
     """The protocol of a profile's machines, by the name of its codec. Raises PlotError for files only."""
     dialect = profile.dialect
     if isinstance(dialect, Hpgl):
-        return "HPGL"
+        return "HP-GL"
     if isinstance(dialect, Ebb):
         return "EBB"
     found = {"marlin": "Marlin", "uarm": "uArm", "linuxcnc": ""}.get(dialect.flavour, "GRBL")
@@ -186,7 +186,7 @@ def _pen_plotter(link: Link) -> tuple[str, str] | None:
     """OI; asks an HP-GL plotter for its model."""
     link.drain(0.1, 1.0)
     link.push(b"OI;")
-    return link.hear(lambda line: ("HPGL", line) if _MODEL.fullmatch(line) else None, 1.5)
+    return link.hear(lambda line: ("HP-GL", line) if _MODEL.fullmatch(line) else None, 1.5)
 
 
 def _plain(line: str) -> str:

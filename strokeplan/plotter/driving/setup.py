@@ -57,6 +57,8 @@ class Session:
         self.told = False
         """Whether the machine has said so."""
         self.begun = self.down = False
+        self.taken = False
+        """Whether a plotter that fetches its pens itself has one."""
 
     # Coming and going
 
@@ -83,13 +85,15 @@ class Session:
     def _locate(self) -> None:
         place = self.codec.place(self.link) if isinstance(self.codec, Locator) else None
         if place is not None:
-            self.at, self.told = place, True
+            unit = self.script.unit_mm
+            self.at, self.told = (place[0] * unit, place[1] * unit), True
 
     @contextmanager
     def safely(self, watch: Watch) -> Iterator[None]:
         """What is done within ends pen up, whatever happens. Raises DriveError for a stop."""
         try:
             yield
+            self._store()
         except Emergency:
             raise self._stopped("stopped", None, watch) from None
         except DeviceLost as lost:
@@ -119,6 +123,11 @@ class Session:
             return DriveError(f"{reason}{also}; see to the pen")
         return DriveError(f"{reason}; the pen is up" + ("" if known else "; the machine has lost its place"))
 
+    def _store(self) -> None:
+        """A plotter that fetches its pens itself puts them back."""
+        if self.taken and not self.down and self.script.by_itself:
+            self.codec.say(self.link, (*self.codec.phrases.up, *self.script.phrases(0).end))
+
     def _raise_at_last(self) -> None:
         with suppress(DriveError, Emergency):
             self.up()
@@ -133,7 +142,9 @@ class Session:
     def lower(self) -> None:
         """Lower the pen where it stands."""
         self.down = True
-        self.codec.say(self.link, self.codec.phrases.down)
+        fetched = () if self.taken else self.script.taken(self.script.program.pens[0])
+        self.taken = True
+        self.codec.say(self.link, (*fetched, *self.codec.phrases.down))
 
     def cycle(self, times: int, rest_s: float) -> None:
         """Lower and raise it, as often, resting at each end."""
@@ -188,16 +199,23 @@ class Session:
     def put(self, x_mm: float, y_mm: float) -> str:
         """Let the present place be these coordinates; how, in words. Raises DriveError where that cannot be."""
         if isinstance(self.codec, Locator):
-            done = self.codec.put(self.link, x_mm, y_mm)
+            unit = self.script.unit_mm
+            done = self.codec.put(self.link, x_mm / unit, y_mm / unit)
         elif (x_mm, y_mm) == (0.0, 0.0):
             done = "nothing was sent: such a machine takes the place where it stands when drawing begins as its origin"
         else:
             raise DriveError(
-                f"a {self.codec.name} takes the place where it stands when drawing begins as X0 Y0, and cannot be told "
+                f"{self.profile.name} takes the place where it stands when drawing begins as X0 Y0, and cannot be told "
                 f"that it is X{x_mm:g} Y{y_mm:g}; carry it to its own origin"
             )
         self.at = (x_mm, y_mm)
         return done
+
+    def claim(self, x_mm: float, y_mm: float) -> None:
+        """Where the pen stands, as people say. Raises DriveError for a machine that knows better."""
+        if isinstance(self.codec, Locator):
+            self.put(x_mm, y_mm)
+        self.at = (x_mm, y_mm)
 
     def put_corner(self) -> str:
         """Let the present place be the page's origin corner. Raises DriveError."""

@@ -93,7 +93,7 @@ class Faulty:
     def advance(self, to_s: float) -> bytes:
         """Run until then; what the host gets to hear."""
         while True:
-            times = [fault.at for fault in self.waiting if fault.unit == "s" and fault.at <= to_s]
+            times = [at for at in self._times() if at <= to_s]
             if not times:
                 break
             self._hear(max(min(times), self._now))
@@ -105,7 +105,7 @@ class Faulty:
         """When it will do something by itself."""
         due = self.device.next_event_s()
         times = [inf if due is None else due]
-        times += [fault.at for fault in self.waiting if fault.unit == "s"]
+        times += self._times()
         times += [until for until, _ in self._late[:1]]
         soon = min(times)
         return None if soon == inf else max(soon, self._now)
@@ -149,6 +149,10 @@ class Faulty:
         return self.device.place_mm
 
     # What happens
+
+    def _times(self) -> list[float]:
+        """When faults strike by themselves; those of replies wait for one."""
+        return [fault.at for fault in self.waiting if fault.unit == "s" and fault.kind not in REPLIES]
 
     def _due(self, at_s: float) -> None:
         for fault in [fault for fault in self.waiting if fault.kind not in REPLIES]:

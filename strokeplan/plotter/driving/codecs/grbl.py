@@ -207,17 +207,17 @@ class GrblCodec:
         for _ in range(REPORTS):
             link.push(b"?")
             report = link.hear(lambda line: line if _state(line) is not None else None, 1.0) or ""
-            for name, x, y in re.findall(r"\|(WPos|MPos|WCO):(-?[\d.]+),(-?[\d.]+)", report):
-                seen[name] = float(x) * scale, float(y) * scale
+            for name, first, second in re.findall(r"\|(WPos|MPos|WCO):(-?[\d.]+),(-?[\d.]+)", report):
+                seen[name] = float(first) * scale, float(second) * scale
             if "MPos" in seen and "WCO" in seen:
-                (x_mm, y_mm), (dx, dy) = seen["MPos"], seen["WCO"]
-                return x_mm - dx, y_mm - dy
+                (x, y), (dx, dy) = seen["MPos"], seen["WCO"]
+                return x - dx, y - dy
             if "WPos" in seen:
                 return seen["WPos"]
         return None
 
-    def put(self, link: Link, x_mm: float, y_mm: float) -> str:
-        self.say(link, (f"G92 X{number(x_mm)} Y{number(y_mm)}",))
+    def put(self, link: Link, x: float, y: float) -> str:
+        self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
         self._see_shift(link)
         return "G92, which lasts until the machine is reset or switched off"
 

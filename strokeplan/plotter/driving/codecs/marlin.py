@@ -16,7 +16,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from operator import xor
 
 from strokeplan.errors import DriveError
@@ -96,14 +96,14 @@ class MarlinCodec:
             link.say("")
             link.say("M115")
             heard: list[str] = []
-            if link.hear(lambda line: self._named(line, heard), GREETING_S):
+            if link.hear(partial(self._named, heard), GREETING_S):
                 heard += link.drain(0.3)
                 self.parser = any("Cap:EMERGENCY_PARSER:1" in line for line in heard)
                 self._number_anew(link)
                 return self._title(heard)
         raise DriveError("no answer: is the machine on, is this its port? (the profile speaks Marlin at 115200 baud)")
 
-    def _named(self, line: str, heard: list[str]) -> bool | None:
+    def _named(self, heard: list[str], line: str) -> bool | None:
         heard.append(line)
         if "FIRMWARE_NAME:" in line:
             return True
@@ -111,7 +111,9 @@ class MarlinCodec:
         return None
 
     def _title(self, heard: list[str]) -> str:
-        named = next((found for line in heard if (found := re.search(r"FIRMWARE_NAME:(.*?)(?: [A-Z_]+:|$)", line))), None)
+        named = next(
+            (found for line in heard if (found := re.search(r"FIRMWARE_NAME:(.*?)(?: [A-Z_]+:|$)", line))), None
+        )
         return named[1].strip() if named else self.name
 
     def _number_anew(self, link: Link) -> None:
@@ -142,8 +144,8 @@ class MarlinCodec:
         self.say(link, ())
         return self.seen
 
-    def put(self, link: Link, x_mm: float, y_mm: float) -> str:
-        self.say(link, (f"G92 X{number(x_mm)} Y{number(y_mm)}",))
+    def put(self, link: Link, x: float, y: float) -> str:
+        self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
         return "G92, which lasts until the machine is homed, reset or switched off"
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
@@ -315,5 +317,3 @@ class MarlinCodec:
             return [Fault("silent", f"the machine says nothing for {TRIES * PATIENCE_S:g} s")]
         self._send(now)
         return []
-
-
