@@ -11,7 +11,7 @@ Arduino, Raspberry Pi Pico), uArm's Python SDK (2341:0042), espflash's udev rule
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -78,7 +78,12 @@ def plugged_in() -> list[Port]:
     require_serial()
     from serial.tools.list_ports import comports
 
-    return sorted((_port(found) for found in comports()), key=lambda port: port.device)
+    return recognised(comports())
+
+
+def recognised(found: Iterable[object]) -> list[Port]:
+    """pyserial's list of ports, by name, with what their ids tell."""
+    return sorted(map(_port, found), key=lambda port: port.device)
 
 
 def _port(found: object) -> Port:

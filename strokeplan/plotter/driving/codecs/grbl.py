@@ -185,6 +185,7 @@ class GrblCodec:
             raise DriveError("the machine is in laser mode ($32=1), which drops the pen on its way; set $32=0")
 
     def home(self, link: Link) -> None:
+        self._settle(link)
         link.say("$H")
         found = link.hear(lambda line: line if line == "ok" or line.startswith(("error", "ALARM")) else None, IDLE_S)
         if found != "ok":
@@ -202,6 +203,7 @@ class GrblCodec:
 
     def place(self, link: Link) -> tuple[float, float] | None:
         """From status reports: WPos, or MPos and the offset that every tenth report shows."""
+        self._settle(link)
         scale = 25.4 if "$13=1" in self._query(link, "$$") else 1.0
         seen: dict[str, tuple[float, float]] = {}
         for _ in range(REPORTS):
@@ -218,8 +220,16 @@ class GrblCodec:
 
     def put(self, link: Link, x: float, y: float) -> str:
         self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
+        self._settle(link)
         self._see_shift(link)
         return "G92, which lasts until the machine is reset or switched off"
+
+    def _settle(self, link: Link) -> None:
+        """Hear the `ok` of a fence that was proven before it: it must not be taken for another answer."""
+        until = link.now() + ANSWER_S
+        while self.sent and link.now() < until:
+            if data := link.read(POLL_S):
+                self.feed(data, link.now())
 
     def _see_shift(self, link: Link) -> None:
         """Whether G92 has moved the origin: a reset forgets it."""

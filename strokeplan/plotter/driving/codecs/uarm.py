@@ -102,7 +102,9 @@ class UarmCodec:
         return None if found is None else (float(found[1]), float(found[2]))
 
     def put(self, link: Link, x: float, y: float) -> str:
-        raise DriveError("an arm measures where it is: its origin stays; move the sheet, or set offset_mm in its profile")
+        raise DriveError(
+            "an arm measures where it is: its origin stays; move the sheet, or set offset_mm in its profile"
+        )
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         link.forget()
