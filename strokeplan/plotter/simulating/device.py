@@ -234,7 +234,7 @@ class Device:
             return inf
         run = self.steppers.run
         due = run.end_s if run else inf
-        if isinstance(self._wait, float) and self._main is not None and self._runs():
+        if not callable(self._wait) and self._main is not None and self._runs():
             due = min(due, self._wait)
         return due
 
@@ -269,7 +269,7 @@ class Device:
         raise RuntimeError(f"{type(self).__name__} does not come to rest at {self.now} s")
 
     def _met(self) -> bool:
-        return self._wait <= self.now if isinstance(self._wait, float) else self._wait()
+        return self._wait() if callable(self._wait) else self._wait <= self.now
 
     def _real(self, place: Place) -> Spot:
         return place[0] + self.slip[0], place[1] + self.slip[1]

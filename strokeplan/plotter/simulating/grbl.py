@@ -210,7 +210,7 @@ class Grbl(Device):
 
     def _answer(self) -> None:
         """A status report, if the main loop is somewhere that it looks: it does not while homing or busy."""
-        busy = isinstance(self._wait, float) and self._wait > self.now and not self._dwelling
+        busy = not callable(self._wait) and self._wait > self.now and not self._dwelling
         if self._asked and not (busy and not self._hold):
             self._asked = False
             self.say(self.status())
@@ -590,7 +590,7 @@ class Grbl(Device):
                 raise GcodeError(3)
             self.settings[found[1]] = found[2]
             yield from self._write()
-        elif re.match(r"\$(RST=|I=|N\d=|[A-Z]{2,}|SD|FLASH)", line):
+        elif re.match(r"\$(RST=|I=|N\d=)", line) or (not self.build.eeprom and re.match(r"\$[A-Z]{2,}", line)):
             self.forbid(line)
             yield from self._write()
         else:

@@ -187,7 +187,7 @@ class Hpgl(Device):
         self._out += f"{number}\r".encode("ascii")
 
     def _busy(self) -> bool:
-        return bool(self.buffer) or not self.steppers.idle or (isinstance(self._wait, float) and self._wait > self.now)
+        return bool(self.buffer) or not self.steppers.idle or (not callable(self._wait) and self._wait > self.now)
 
     # Instructions
 
@@ -257,16 +257,15 @@ class Hpgl(Device):
             if char.isdigit() or char in "+-.":
                 text += self._pop()
                 continue
+            if not char.isalpha():
+                self._pop()
             if text:
                 values.append(_number(text))
                 text = ""
                 if moves and len(values) % 2 == 0 and not skip:
                     yield from self._go(values[-2], values[-1])
             if char.isalpha() or char == ";":
-                if char == ";":
-                    self._pop()
                 break
-            self._pop()
             if char not in ", \r\n\t":
                 self.error = 3
         self.received.append(f"{name}{','.join(f'{v:g}' for v in values)};")

@@ -145,7 +145,7 @@ class Marlin(Device):
         if byte not in b"\r\n":
             self._isr.append(byte)
             return
-        found = URGENT.match(self._isr)
+        found = URGENT.match(bytes(self._isr))
         self._isr.clear()
         if found:
             self._urgent(int(found[1]))

@@ -12,6 +12,8 @@ BITS = 10
 """Of a byte on the wire: start, eight, stop."""
 HOST_BYTES = 4096
 """What the host's own buffer holds; a write beyond it is partial."""
+CHUNK = 16
+"""Bytes that reach the device together at most."""
 PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,-+")
 
 
@@ -118,12 +120,15 @@ class SimulatedPort:
     def _chunk(self) -> tuple[int, float]:
         """How many bytes reach the device before it can tell them apart, and when the last of them is there."""
         due, room, count = self.device.next_event_s(), self._room(), 0
+        most = 1 if self._rtscts else CHUNK
         first = max(self._free_s, self._now if self._room() < 1 << 16 else 0.0)
         limit = inf if due is None else due
         for byte in self._wire:
             if count == room or (count and first + (count + 1) * self.byte_s > limit):
                 break
             count += 1
+            if count == most:
+                break
             if byte not in PLAIN:
                 break
         return count, first + count * self.byte_s
