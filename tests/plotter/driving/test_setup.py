@@ -16,6 +16,7 @@ from drawings import EYE, SWAN, drawing, drawn
 from machines import Port, session
 
 from strokeplan.errors import DeviceLost, DriveError, PlotError
+from strokeplan.plotter.driving.codec import Locator
 from strokeplan.plotter.driving.setup import Session, bench, bounds, towards
 from strokeplan.plotter.driving.tuning import tried
 from strokeplan.plotter.profile import load_profile, names
@@ -143,6 +144,28 @@ def test_ctrl_c_stops_a_long_move_in_the_middle(name: str) -> None:
     port.read(0.5)
     assert near(port.device.place_mm, (x, y))
     assert made.codec.place(made.link) == pytest.approx((x, y), abs=NEAR_MM)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"),
+    [("ender3", None), ("ender3", "marlin-emergency-parser"), ("axidraw_v3", None), ("nextdraw_2234", "ebb-3.0"),
+     ("hp7475a", None), ("uarm_swift_pro", None)],
+)  # fmt: skip
+def test_ctrl_c_stops_every_machine_with_its_pen_up(name: str, variant: str | None) -> None:
+    """Some finish their move, an EBB goes back to where it began: by dialect, docs/driving.md."""
+    made, port = session(name, variant)
+    with pytest.raises(DriveError, match=r"^stopped; the pen is up$"):
+        run(made, port, pressed(port, 0.5), lambda: made.go(200, 90))
+    assert not port.device.pen_down
+    stood = port.device.place_mm
+    port.read(0.5)
+    assert near(port.device.place_mm, stood)
+    if variant == "marlin-emergency-parser":
+        return  # M410 stops the motors at speed, and steps are lost
+    if isinstance(made.codec, Locator):
+        assert near(made.codec.place(made.link) or (), tuple(at / made.script.unit_mm for at in stood))
+    else:
+        assert near(stood, (0, 0))
 
 
 def test_a_second_ctrl_c_is_the_emergency_stop() -> None:
