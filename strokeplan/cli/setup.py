@@ -83,7 +83,7 @@ def jog(
     profile: MachineOption,
     by: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[X Y]", help="By how much, in mm of the machine; none: with the arrow keys."),
+        typer.Argument(metavar="X Y", help="By how much, in mm of the machine; none: with the arrow keys."),
     ] = None,
     to: Annotated[str | None, typer.Option("--to", metavar="X,Y", help="To a place instead, in mm.")] = None,
     port: SetupPortOption = "auto",
@@ -115,7 +115,7 @@ def jog(
         if place is not None:
             session.go(*place)
         else:
-            _jog_by_keys(session, profile)
+            _jog_by_keys(session)
         typer.echo(_where(session))
 
 
@@ -141,9 +141,12 @@ def origin(
     trace: TraceOption = None,
 ) -> None:
     """Let the page's origin corner be where the pen stands; nothing is written into the machine."""
+    from strokeplan.plotter.driving.setup import check_corner
     from strokeplan.plotter.profile import load_profile
 
-    with _machine(load_profile(profile), port, baud, trace, home=home) as session:
+    machine = load_profile(profile)
+    check_corner(machine)
+    with _machine(machine, port, baud, trace, home=home) as session:
         if save:
             _save_corner(session, profile)
         else:
@@ -206,7 +209,7 @@ def pen_up(
 
     tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=False)
     tuned.check(save)
-    with _machine(tuned.machine, port, baud, trace):
+    with _machine(tuned.machine, port, baud, trace, moves=False):
         typer.echo(f"the pen is up{tuned.text}")
     if save:
         tuned.save()
@@ -234,7 +237,7 @@ def pen_down(
 
     tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=True, pen=pen)
     tuned.check(save)
-    with _machine(tuned.machine, port, baud, trace, pen=pen) as session:
+    with _machine(tuned.machine, port, baud, trace, pen=pen, moves=False) as session:
         session.lower()
         if stay:
             session.down = session.taken = False
@@ -267,7 +270,7 @@ def pen_cycle(
 
     tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=True, pen=pen)
     tuned.check(save)
-    with _machine(tuned.machine, port, baud, trace, pen=pen) as session:
+    with _machine(tuned.machine, port, baud, trace, pen=pen, moves=False) as session:
         session.cycle(times, rest)
     typer.echo(f"the pen is up; it was down{tuned.text} {times} times")
     if save:
@@ -284,6 +287,7 @@ def _machine(
     home: bool = False,
     at: Point | None = None,
     pen: str | None = None,
+    moves: bool = True,
 ) -> Iterator[Session]:
     """A session with a machine that was greeted, its pen up; whatever ends the block, the pen is up afterwards."""
     from strokeplan.cli.driving import opened, traced
@@ -310,7 +314,7 @@ def _machine(
                 session.begin()
             if at is not None:
                 session.claim(*at)
-            elif not session.told:
+            elif moves and not session.told:
                 typer.echo("note: this machine does not say where it is; it is taken to stand at X0 Y0", err=True)
             yield session
 
@@ -410,11 +414,11 @@ def _hold_down(session: Session, tuned: _Tuned, seconds: float) -> None:
                         typer.echo(f"note: {error}", err=True)
 
 
-def _jog_by_keys(session: Session, name: str) -> None:
+def _jog_by_keys(session: Session) -> None:
     """Move by the arrow keys until someone presses Enter."""
     from strokeplan.cli.keys import Keys
     from strokeplan.cli.operator import single_keys
-    from strokeplan.errors import PlotError
+    from strokeplan.errors import InputError
     from strokeplan.plotter.driving.setup import towards
 
     keys, size = Keys(), STEPS_MM.index(1.0)
@@ -438,7 +442,7 @@ def _jog_by_keys(session: Session, name: str) -> None:
                     elif not _acted(session, key):
                         continue
                     typer.echo(f"{_where(session)}; step {STEPS_MM[size]:g} mm", err=True)
-                except PlotError as error:
+                except InputError as error:
                     typer.echo(f"note: {error}", err=True)
 
 
@@ -472,8 +476,6 @@ def _save_corner(session: Session, name: str) -> None:
 
     if not session.told:
         raise InputError(f"--save: {session.profile.name} does not know where it stands")
-    if session.profile.papers:
-        raise InputError(f"--save: {session.profile.name} knows where its sheets lie; move the sheet")
     path, begun = saved(name, "machine", "offset_mm", [round(at, 2) for at in session.at])
     new = ", a copy that goes before the one that ships" if begun else ""
     typer.echo(f"wrote offset_mm = [{session.at[0]:.2f}, {session.at[1]:.2f}] to {path}{new}")

@@ -156,7 +156,7 @@ class Locator(Protocol):
     def put(self, link: Link, x: float, y: float) -> str:
         """Let the present place be these coordinates, and write no setting; how, in words, and how long it lasts.
 
-        Raises DriveError for a machine whose origin is its own. A codec's `stop` keeps what was put.
+        Raises InputError for a machine whose origin is its own. A codec's `stop` keeps what was put.
         """
 
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from strokeplan.errors import DeviceLost, DriveError, PlotError
+from strokeplan.errors import DeviceLost, DriveError, InputError, PlotError
 from strokeplan.page import Page
 from strokeplan.plotter.driving.codec import Codec, Fault, Locator, Phrases
 from strokeplan.plotter.driving.codecs import codec_for
@@ -188,8 +188,8 @@ class Session:
         self.at = target
 
     def walk(self, corners: Sequence[Point]) -> None:
-        """From corner to corner, and back to where it began."""
-        begun = self.at
+        """From corner to corner, and back to where it began if that is within the travel."""
+        begun = self.at if reaches(self.profile, self.at) else corners[0]
         for corner in corners:
             check_reach(self.profile, corner)
         for corner in (*corners, begun):
@@ -197,14 +197,14 @@ class Session:
             self.at = corner
 
     def put(self, x_mm: float, y_mm: float) -> str:
-        """Let the present place be these coordinates; how, in words. Raises DriveError where that cannot be."""
+        """Let the present place be these coordinates; how, in words. Raises InputError where that cannot be."""
         if isinstance(self.codec, Locator):
             unit = self.script.unit_mm
             done = self.codec.put(self.link, x_mm / unit, y_mm / unit)
         elif (x_mm, y_mm) == (0.0, 0.0):
             done = "nothing was sent: such a machine takes the place where it stands when drawing begins as its origin"
         else:
-            raise DriveError(
+            raise InputError(
                 f"{self.profile.name} takes the place where it stands when drawing begins as X0 Y0, and cannot be told "
                 f"that it is X{x_mm:g} Y{y_mm:g}; carry it to its own origin"
             )
@@ -212,16 +212,30 @@ class Session:
         return done
 
     def claim(self, x_mm: float, y_mm: float) -> None:
-        """Where the pen stands, as people say. Raises DriveError for a machine that knows better."""
+        """Where the pen stands, as people say. Raises InputError for a machine that knows better."""
         if isinstance(self.codec, Locator):
             self.put(x_mm, y_mm)
         self.at = (x_mm, y_mm)
 
     def put_corner(self) -> str:
-        """Let the present place be the page's origin corner. Raises DriveError."""
-        if self.profile.papers:
-            raise DriveError(f"{self.profile.name} knows where its sheets lie; move the sheet, not the origin")
+        """Let the present place be the page's origin corner; how, in words. Raises InputError."""
+        check_corner(self.profile)
         return self.put(*self.profile.machine.offset_mm)
+
+
+def check_corner(profile: Profile) -> None:
+    """Raise InputError for a machine on which the page's corner lies where its papers do."""
+    if profile.papers:
+        raise InputError(f"{profile.name} knows where its sheets lie; move the sheet, not the origin")
+
+
+def reaches(profile: Profile, at: Point) -> bool:
+    """Whether a place is within the travel of a profile's machine."""
+    try:
+        check_reach(profile, at)
+    except PlotError:
+        return False
+    return True
 
 
 def check_reach(profile: Profile, at: Point) -> None:

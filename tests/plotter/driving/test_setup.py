@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from drawings import EYE, SWAN, drawing, drawn
 from machines import Port, session
 
-from strokeplan.errors import DeviceLost, DriveError, PlotError
+from strokeplan.errors import DeviceLost, DriveError, InputError, PlotError
 from strokeplan.plotter.driving.codec import Locator
 from strokeplan.plotter.driving.setup import Session, bench, bounds, towards
 from strokeplan.plotter.driving.tuning import tried
@@ -240,7 +240,7 @@ def test_an_origin_outlasts_the_session_where_the_port_does_not_reset_the_board(
 def test_machines_whose_origin_is_their_own(name: str, why: str) -> None:
     made, _ = session(name)
     made.begin()
-    with pytest.raises(DriveError, match=why):
+    with pytest.raises(InputError, match=why):
         made.put_corner()
 
 

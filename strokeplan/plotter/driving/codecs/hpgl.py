@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from strokeplan.errors import DriveError
+from strokeplan.errors import DriveError, InputError
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Note, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.through import through
@@ -111,7 +111,7 @@ class HpglCodec:
         return self.seen
 
     def put(self, link: Link, x: float, y: float) -> str:
-        raise DriveError("a pen plotter's zero is its own: move the sheet, or the drawing on it")
+        raise InputError("a pen plotter's zero is its own: move the sheet, or the drawing on it")
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         link.forget()

@@ -14,7 +14,7 @@ import re
 from collections import deque
 from dataclasses import dataclass
 
-from strokeplan.errors import DriveError
+from strokeplan.errors import DriveError, InputError
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.codecs.marlin import MAX_LINE
 from strokeplan.plotter.driving.link import Link
@@ -102,7 +102,7 @@ class UarmCodec:
         return None if found is None else (float(found[1]), float(found[2]))
 
     def put(self, link: Link, x: float, y: float) -> str:
-        raise DriveError(
+        raise InputError(
             "an arm measures where it is: its origin stays; move the sheet, or set offset_mm in its profile"
         )
 
