@@ -24,6 +24,7 @@ settings, firmware and files are out of reach of a plan or a profile.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
@@ -174,6 +175,8 @@ _KNOWN = (
 
 def recognise(line: str) -> str | None:
     """The protocol that a line is typical of; None for one that says nothing."""
+    if re.fullmatch(r"error:\d+", line):
+        return "GRBL"
     for name, marks in _KNOWN:
         if any(mark in line for mark in marks):
             return name

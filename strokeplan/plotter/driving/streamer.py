@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
 
-from strokeplan.errors import DeviceLost, StrokeplanError
+from strokeplan.errors import DeviceLost, DriveError, StrokeplanError
 from strokeplan.plotter.driving.codec import Button, Codec, Event, Fault, Fence, Fenced, Item, Note
 from strokeplan.plotter.driving.link import LOOK_S, Emergency, Link
 from strokeplan.plotter.driving.units import Script, Unit
@@ -206,13 +206,22 @@ class Streamer:
     def _stopped(self, reason: str, fault: Fault | None) -> Ending:
         """Stop the machine as far as it can be reached, and say what became of it."""
         try:
-            known = self.codec.stop(self.link, fault)
+            known = self._stop_once(fault)
         except Emergency:
             return self._emergency()
         except StrokeplanError as error:
             also = "" if isinstance(error, DeviceLost) or str(error) == reason else f"; then {error}"
             return self._end(f"{reason}{also}", pen_up=False, known=False)
         return self._end(reason, known=known)
+
+    def _stop_once(self, fault: Fault | None) -> bool:
+        """Stop; where that fails in the middle, once more as if the machine had started anew, so that the pen is up."""
+        try:
+            return self.codec.stop(self.link, fault)
+        except DeviceLost:
+            raise
+        except DriveError as error:
+            return self.codec.stop(self.link, Fault("reset", str(error)))
 
     def _emergency(self) -> Ending:
         with suppress(StrokeplanError):

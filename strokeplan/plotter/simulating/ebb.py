@@ -112,6 +112,11 @@ class Ebb(Device):
         self._trace(at_s)
         self.supply = code == 0
 
+    def restart(self, at_s: float) -> None:
+        """The processor starts anew, and with it its USB: the host's port is gone."""
+        super().restart(at_s)
+        self.link = False
+
     def fail(self, code: int) -> None:
         """The next command is taken for an unknown one."""
         self._fails += 1

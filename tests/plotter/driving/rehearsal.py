@@ -6,7 +6,7 @@ Between runs the person does what the message says: power on, carriage to the or
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.faults import Faults
 from strokeplan.plotter.simulating.firmware import firmware
 from strokeplan.plotter.simulating.port import SimulatedPort
+from strokeplan.plotter.simulating.recording import Drawn
 
 MOST_RUNS = 25
 PATIENCE_S = 40.0
@@ -86,6 +87,11 @@ class Person:
 
     def note(self, text: str) -> None:
         self.notes.append(text)
+        device = getattr(self.port.device, "device", self.port.device)
+        if getattr(device, "paused", False):
+            device.press(self.port.now())
+        if getattr(device, "lever", False):
+            device.alarm(0, self.port.now())
 
     def progress(self, done: int, paused: bool) -> None:
         if not paused:
@@ -175,7 +181,8 @@ def _set_right(port: SimulatedPort, job: Program) -> None:
     if hasattr(device, "lever"):
         device.lever = device.paused = False
     device.alarm(0, port.now()) if hasattr(device, "supply") else None
-    device.by_hand((0.0, 0.0), port.now(), 0.0)
+    if not hasattr(device, "lever"):  # pen plotters know where they are
+        device.by_hand((0.0, 0.0), port.now(), 0.0)
     if device.resets is False and not hasattr(device, "supply") and not hasattr(device, "lever"):
         device.restart(port.now())
         port.wait(3.0)
@@ -204,14 +211,9 @@ def _gaps(points: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[n
 
 def check(result: Rehearsal, near: float = NEAR_MM) -> None:
     """Everything is drawn; no run drew what was proven before it; nothing lies elsewhere; pens are up at stops."""
-    wanted = lines_of(result.job)
     assert result.finished, [run.ending.reason for run in result.runs]
-    drawn = result.port.device.drawn
-    dense = [_dense(line) for line in drawn.lines]
-    everything = np.concatenate(dense)
-    for j, line in enumerate(wanted):
-        missing = _gaps(line, everything) > near + 0.15
-        assert not missing.any(), f"line {j}: {missing.sum()} of {len(missing)} points are missing"
+    wanted, drawn = lines_of(result.job), result.port.device.drawn
+    assert not missing(result.job, drawn, near)
     for run in result.runs:
         if run.ending.pen_up or run.ending.finished:
             assert not run.pen_down, f"the pen is down after: {run.ending}"
@@ -225,12 +227,16 @@ def check(result: Rehearsal, near: float = NEAR_MM) -> None:
     assert result.port.device.forbidden == ()
 
 
+def missing(job: Program, drawn: Drawn, near: float = NEAR_MM) -> list[str]:
+    """The lines of a job that are not drawn from end to end."""
+    everything = np.concatenate([_dense(line) for line in drawn.lines])
+    gaps = [_gaps(line, everything) > near + 0.15 for line in lines_of(job)]
+    return [f"line {j}: {gap.sum()} of {len(gap)} points are missing" for j, gap in enumerate(gaps) if gap.any()]
+
+
 def strays(result: Rehearsal, near: float = NEAR_MM) -> int:
     """Points that were drawn where nothing should be (the origin apart)."""
     everything = np.concatenate(lines_of(result.job))
     points = np.concatenate([_dense(line) for line in result.port.device.drawn.lines])
     far = _gaps(points, everything) > near + 0.15
     return int((far & (np.hypot(*points.T) > 1.0)).sum())
-
-
-__all__ = ["KNOWN", "Person", "Rehearsal", "check", "lines_of", "rehearse", "replace", "short_job", "strays"]

@@ -121,5 +121,6 @@ def test_no_bytes_break_it(data: bytes) -> None:
     host = Host("nextdraw_2234", variant="ebb-3.0")
     host.ask(data, 1.0)
     host.device.restart(host.port.now())
+    host.port = host.port.reopen()
     host.hear(1.0)
     assert host.ask("\rV\r").endswith("EBBv13_and_above EB Firmware Version 3.0.3\r\n")

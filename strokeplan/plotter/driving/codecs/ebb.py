@@ -2,8 +2,8 @@
 
 A third one would stand in the parser, and while it does USB takes nothing, not even a stop. A move is therefore
 sent only when the board says that its FIFO is empty (QG, or QM before firmware 2.6.2), asked about when the one that
-runs should end. A fence is two answers in a row that nothing runs or waits, the board's own count of steps (QS), which must be that of
-all moves sent, and a look at the motors' supply (QC).
+runs should end. A fence is two answers in a row that nothing runs or waits, the board's own count of steps (QS), which
+must be that of all moves sent, and a look at the motors' supply (QC).
 
 The host knows the place by the steps that it sent; after an orderly stop it drives the pen home, slowly.
 
@@ -96,7 +96,7 @@ class EbbCodec:
         self.link = link
         for _ in range(GREETINGS):
             link.forget()
-            link.say("", "\r")
+            link.say("?", "\r")  # what is left of an earlier command, if anything, is refused with it
             link.drain(0.1, 1.0)
             link.say("V", "\r")
             found = link.hear(self._versioned, ANSWER_S)

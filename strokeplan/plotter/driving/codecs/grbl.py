@@ -42,6 +42,8 @@ IDLE_S = 120.0
 """The longest that a machine may finish what it has."""
 MOST_LOST = 3
 """More answers than these are not lost on a line that works: commands are."""
+AHEAD = 8
+"""Lines that are under way at most: a pause waits for them."""
 TAGS = 99
 REPORTS = 40
 """The offset of coordinates stands in one report of 10, of a machine that works in one of 30."""
@@ -332,7 +334,7 @@ class GrblCodec:
         wait = f"T{tag}" if self.dwelt else f"G4 P0.01 T{tag}"
         if not self.tagged:
             wait = "G4 P0.01"
-        if self.used + len(wait) + 4 > self.room or tag in self.awaited:
+        if self.used + len(wait) + 4 > self.room or len(self.awaited) >= AHEAD:
             return False
         self.tag = tag
         self.awaited[tag] = _Awaited(fence.key, self.feed_said)

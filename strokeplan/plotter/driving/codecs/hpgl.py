@@ -24,12 +24,15 @@ from strokeplan.plotter.driving.through import through
 
 RESERVE = 32
 """Bytes of the buffer that stay free."""
+AHEAD = 3
+"""Lines that are under way at most: a pause waits for them."""
 ASK_S = 0.1
 ANSWER_S = 2.0
 TRIES = 6
 LATE_S = 10.0
-"""A fence that is not answered, with an empty buffer, is asked for again."""
+"""A fence is not answered, with an empty buffer, for so long: the answer is lost."""
 STILL_S = 30.0
+STOP_S = 30.0
 GREETINGS = 6
 FENCE = "OE;OA;"
 _PAIR = r"-?\d+,-?\d+"
@@ -40,7 +43,7 @@ _ERRORS = {1: "an instruction", 2: "a number of parameters", 3: "a parameter", 5
 
 @dataclass(slots=True)
 class _Awaited:
-    """A fence: its key, where the pen must be, and whether no error was reported before it."""
+    """A fence: its key, and where the pen must be."""
 
     key: int
     at: tuple[int, int] | None
@@ -69,7 +72,6 @@ class HpglCodec:
         self.free = -1
         self.moved_s = 0.0
         """When something last happened at the plotter."""
-        self.repeats = 0
         self.told = False
 
     # Conversations
@@ -78,7 +80,7 @@ class HpglCodec:
         self.link = link
         for _ in range(GREETINGS):
             link.forget()
-            link.push(b"\x1b.R\x1b.K\x1b.B")
+            link.push(b"\x1b.R\x1b.K\x1b.B\r")
             found = link.hear(self._number_or_other, ANSWER_S)
             if found is not None:
                 link.drain(0.2)
@@ -119,7 +121,8 @@ class HpglCodec:
         link.drain(0.3, 2.0)
         self._clear()
         link.push(b";")  # ends what stood in the middle of an instruction
-        self.say(link, (*self.phrases.up, "SP0;"))
+        self.moved_s = link.now()
+        through(self, link, (*self.phrases.up, "SP0;"), STOP_S)
         return True
 
     def emergency(self, link: Link) -> None:
@@ -129,7 +132,7 @@ class HpglCodec:
     def _clear(self) -> None:
         self.awaited.clear()
         self.credit, self.asked_s, self.out, self.at = 0, None, b"", None
-        self.tries = self.repeats = 0
+        self.tries = 0
 
     # Streaming
 
@@ -139,6 +142,8 @@ class HpglCodec:
 
     def take(self, item: Item, now: float) -> bool:
         text = FENCE if isinstance(item, Fence) else item
+        if len(self.awaited) >= AHEAD:
+            return False
         if len(text) > self.credit or self.asked_s is not None:
             self._ask(now)
             return False
@@ -211,32 +216,29 @@ class HpglCodec:
         return []
 
     def _placed(self, at: tuple[int, int], now: float) -> list[Event]:
+        """The answer of a fence. The error's number is read once: where an answer is lost, an error may be."""
         clean, self.clean = self.clean, False
         self.seen = at
         self.moved_s = now
-        for k, awaited in enumerate(self.awaited):
-            if awaited.at in (at, None):
-                if not clean:  # the error's number was lost: the next fence will tell, or this one, asked again
-                    return []
-                del self.awaited[: k + 1]
-                self.repeats = 0
-                return [Fenced(awaited.key)]
-        if not self.awaited or self.repeats:
-            return []  # the answer to a question that was put twice
-        return [Fault("confused", f"the pen is at {at[0]},{at[1]}, where no line ends: bytes were damaged")]
+        if not self.awaited:
+            return []
+        awaited = self.awaited.pop(0)
+        if awaited.at not in (at, None):
+            return [
+                Fault("confused", f"the pen is at {at[0]},{at[1]}, where no line ends: bytes were damaged, or lost")
+            ]
+        if not clean:
+            return [Fault("confused", "the plotter's answer was damaged on the way: an error may have gone with it")]
+        return [Fenced(awaited.key)]
 
     def overdue(self, now: float) -> list[Event]:
         if self.tries >= TRIES:
             return [Fault("silent", f"the plotter says nothing for {TRIES * ANSWER_S:g} s")]
         if not self.awaited or now - self.moved_s < LATE_S:
             return []
-        if self.free >= self.size and self.repeats < TRIES:
-            self.repeats, self.moved_s = self.repeats + 1, now
-            self.out += FENCE.encode("ascii")
-            self.credit -= len(FENCE)
-        elif self.free >= self.size:
-            return [Fault("confused", "the plotter does not say where its pen is")]
-        elif now - self.moved_s > STILL_S and not self.told:
+        if self.free >= self.size:
+            return [Fault("confused", "the plotter has nothing to do, and does not say where its pen is")]
+        if now - self.moved_s > STILL_S and not self.told:
             self.told = True
             return [Note("the plotter does not go on: is it paused, or the lever of its paper up?")]
         return []

@@ -89,7 +89,7 @@ class MarlinCodec:
 
     def greet(self, link: Link) -> str:
         self.link = link
-        link.hear(lambda line: True if line.startswith(("start", "Marlin")) or recognise(line) else None, GREETING_S)
+        refuse_other(self.name, link.hear(lambda line: self.name if line == "start" else recognise(line), GREETING_S))
         for _ in range(GREETINGS):
             link.drain(0.3)
             link.forget()

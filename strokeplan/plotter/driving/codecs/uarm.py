@@ -61,7 +61,7 @@ class UarmCodec:
 
     def greet(self, link: Link) -> str:
         self.link = link
-        link.hear(lambda line: True if recognise(line) else None, GREETING_S)
+        refuse_other(self.name, link.hear(recognise, GREETING_S))
         for _ in range(TRIES):
             link.drain(0.3)
             link.forget()
