@@ -27,7 +27,7 @@ import numpy as np
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "plotter"), str(ROOT / "tests" / "plotter" / "driving")]
 
-from rehearsal import check, rehearse, short_job, strays  # noqa: E402
+from rehearsal import NEAR_MM, Rehearsal, check, lines_of, rehearse, short_job  # noqa: E402
 
 from strokeplan.plotter.driving.streamer import Wish  # noqa: E402
 from strokeplan.plotter.simulating.faults import Fault, Faults  # noqa: E402
@@ -46,8 +46,15 @@ DIRTY = ("drop-bytes", "corrupt-bytes")
 """Faults that a protocol without checksums cannot see: a coordinate may be another one."""
 SAFE = ("ender3",)
 """Machines whose protocol has checksums: nothing wrong there, either."""
+BLIND = {
+    **dict.fromkeys(("grbl_servo", "grbl_z", "grblhal", "fluidnc", "idraw_2", "hp7475a", "roland_dxy"), "refuse"),
+    **dict.fromkeys(("axidraw_v3", "nextdraw_2234"), "alarm"),
+}  # fmt: skip
+"""A fault that is only found when more has been drawn: what lies in GRBL's ring or a plotter's buffer is carried out
+behind a refused command; an EBB counts on when its motors have lost their supply. All must be drawn all the same."""
 LEVERS = ("hp7475a", "roland_dxy")
 LONG = {"silence": 8.0, "slow": 0.4, "delay-reply": 6.0}
+OVERRUN_MM = 5.0
 LIMIT_S = 20
 """Of real time, for a schedule that takes a tenth of a second as a rule."""
 WISHES = (Wish.PAUSE, Wish.STOP, Wish.EMERGENCY)
@@ -79,14 +86,7 @@ def outcome(machine: str, variant: str, faults: Faults, wishes: list[tuple[float
     with tempfile.TemporaryDirectory() as folder:
         try:
             result = rehearse(short_job(machine), Path(folder), faults=faults, variant=variant, wishes=list(wishes))
-            dirty = machine not in SAFE and any(fault.kind in DIRTY for fault in faults.faults)
-            if dirty:
-                assert result.port.device.forbidden == (), result.port.device.forbidden
-                for run in result.runs:
-                    assert not (run.pen_down and run.ending.pen_up), f"the pen is down after: {run.ending}"
-            else:
-                check(result)
-                assert strays(result) == 0, f"{strays(result)} points lie where nothing should"
+            _judge(result, machine, faults)
         except AssertionError as error:
             return " ".join(str(error).split())[:300] or "assertion", 0
         except Exception as error:
@@ -95,6 +95,37 @@ def outcome(machine: str, variant: str, faults: Faults, wishes: list[tuple[float
         finally:
             signal.alarm(0)
     return "", len(result.runs)
+
+
+def _judge(result: Rehearsal, machine: str, faults: Faults) -> None:
+    """Raise AssertionError for what is wrong on the paper, as far as these faults let it be right."""
+    kinds = {fault.kind for fault in faults.faults}
+    if machine in SAFE or not kinds & set(DIRTY):
+        check(result)
+        wrong = 0 if BLIND.get(machine) in kinds else _strays(result)
+        if wrong:
+            raise AssertionError(f"{wrong} points lie where nothing should")
+    elif result.port.device.forbidden:
+        raise AssertionError(f"forbidden: {result.port.device.forbidden}")
+    for run in result.runs:
+        if run.pen_down and run.ending.pen_up:
+            raise AssertionError(f"the pen is down after: {run.ending}")
+
+
+def _strays(result: Rehearsal) -> int:
+    """Points where nothing should be, but for what motors that were stopped at speed drew on."""
+    device = result.port.device
+    stops = set(getattr(device, "device", device).dead_stops)
+    drawn, everything = device.drawn, np.concatenate(lines_of(result.job))
+    count = 0
+    for line, times in zip(drawn.lines, drawn.times, strict=True):
+        far = [np.hypot(*(everything - point).T).min() > NEAR_MM + 0.15 for point in line]
+        home = np.hypot(*line.T) < 1.0
+        overrun = np.zeros(len(line), bool)
+        if times[-1] in stops:
+            overrun = np.hypot(*(line - line[-1]).T) < OVERRUN_MM
+        count += int((far & ~home & ~overrun).sum())
+    return count
 
 
 def _hangs(*_: object) -> None:

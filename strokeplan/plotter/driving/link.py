@@ -22,6 +22,10 @@ LOOK_S = 0.1
 """A conversation looks for an emergency stop as often as this."""
 MAX_LINE = 400
 """No machine says more in a line; noise without an end is cut here."""
+_REST = re.compile(rb"[^\r\n]*[\r\n]")
+_NOTHING = (b"",)
+_REAL_TIME = b"?!~\x18" + bytes(range(0x80, 0x100))
+"""Bytes that belong to no line (GRBL)."""
 _ENDS = re.compile(rb"[\r\n]+")
 
 
@@ -43,6 +47,8 @@ class Link:
         self.pending = b""
         self.stuck_since: float | None = None
         self._tail = b""
+        self._whole = True
+        """Whether what has been written ends with a line's end."""
 
     def now(self) -> float:
         return self.transport.now()
@@ -55,6 +61,8 @@ class Link:
         taken = self.transport.write(self.pending)
         if taken:
             self._record(">", self.pending[:taken])
+            written = self.pending[:taken].translate(None, _REAL_TIME)
+            self._whole = written.endswith((b"\n", b"\r")) if written else self._whole
             self.pending = self.pending[taken:]
             self.stuck_since = None
         elif self.stuck_since is None:
@@ -80,8 +88,12 @@ class Link:
         return [text for line in whole if (text := line.decode("latin-1").strip())]
 
     def forget(self) -> None:
-        """Drop what was about to be written, and half a line."""
-        self.pending, self._tail = b"", b""
+        """Drop what was about to be written, and half a line that was read.
+
+        A line of which a part has been written goes to its end: cut, it would be another command (G1 X100 as X1).
+        """
+        rest = b"" if self._whole else (_REST.match(self.pending) or _NOTHING)[0]
+        self.pending, self._tail = rest, b""
 
     def say(self, text: str, end: str = "\n") -> None:
         self.push((text + end).encode("ascii"))

@@ -47,6 +47,8 @@ class Device:
         self.link = True
         self.received: list[str] = []
         """Every line that was taken for a command."""
+        self.dead_stops: list[float] = []
+        """When motors were stopped at speed: a pen that was down drew on for a bit."""
         self._forbidden: list[str] = []
         self._out = bytearray()
         self._main: Main | None = None
@@ -214,10 +216,15 @@ class Device:
         self._trace(at_s)
         before = self.steppers.place(at_s)
         x, y = self.steppers.kill(at_s)
-        if x or y:  # they run on by what they would have needed to brake
-            self.slip = self.slip[0] + x, self.slip[1] + y
-            self.recorder.move(at_s, at_s, self._real(before))
+        self._overrun(before, x, y)
         self.z_slip += before[2]
+
+    def _overrun(self, before: Place, x: float, y: float) -> None:
+        """Motors stopped at speed run on by what they would have needed to brake; the count does not know."""
+        if x or y:
+            self.slip = self.slip[0] + x, self.slip[1] + y
+            self.recorder.move(self.now, self.now, self._real(before))
+            self.dead_stops.append(self.now)
 
     def _run(self, to_s: float) -> None:
         while True:

@@ -344,8 +344,7 @@ class Ebb(Device):
         over = v * v / (2 * STIFF * self.profile.speeds.acceleration_mm_s2[0])
         self.steppers.count = (*self._mm(*self.motors), 0.0)
         if over > SPRING_MM:
-            self.slip = self.slip[0] + over * run.block.unit[0], self.slip[1] + over * run.block.unit[1]
-            self.recorder.move(self.now, self.now, self._real(self.steppers.count))
+            self._overrun(self.steppers.count, over * run.block.unit[0], over * run.block.unit[1])
 
     # Motion
 

@@ -278,9 +278,7 @@ class Grbl(Device):
         self._trace(self.now)
         before = self.steppers.place(self.now)
         x, y = self.steppers.kill(self.now)
-        if x or y:
-            self.slip = self.slip[0] + x, self.slip[1] + y
-            self.recorder.move(self.now, self.now, self._real(before))
+        self._overrun(before, x, y)
         self._dwelling = False
 
     def _feed_hold(self, kind: str) -> None:

@@ -59,6 +59,7 @@ class Hpgl(Device):
         self._reset_graphics()
         self.slot = 0
         self._still_s = self.now
+        self._follow = False
         self._deaf_until = self.now + self.boot_s
 
     def _reset_graphics(self) -> None:
@@ -97,6 +98,10 @@ class Hpgl(Device):
         self._fails += 1
 
     def _pen_follows(self) -> None:
+        """Behind the vector that is drawn."""
+        self._follow = not self.steppers.idle
+        if self._follow:
+            return
         stopped = self.paused or self.lever
         self.recorder.settle(self.now)
         self.recorder.pen(self.now, down=self._down and self.slot > 0 and not stopped)
@@ -202,6 +207,8 @@ class Hpgl(Device):
 
     def _happen(self) -> None:
         super()._happen()
+        if self._follow and self.steppers.idle:
+            self._pen_follows()
         if self.model == "7470A" and self._down and self._still_s + AUTO_LIFT_S <= self.now and not self._busy():
             self.recorder.settle(self.now)
             self.recorder.pen(self.now, down=False)

@@ -38,7 +38,7 @@ SETTINGS = {
 """M numbers that change settings, firmware or files."""
 IDLE = {
     "G17", "G40", "G49", "G54", "G80", "G94", "M3", "M4", "M5", "M7", "M8", "M9", "M17", "M82", "M83", "M85", "M106",
-    "M107", "M108", "M110", "M113", "M117", "M211", "M300", "M410",
+    "M107", "M108", "M113", "M117", "M211", "M300", "M410",
 }  # fmt: skip
 """Known, and nothing that a pen feels."""
 URGENT = re.compile(rb"\s*(?:N\d+\s*)?M(108|112|410)(?!\d)")
@@ -119,9 +119,7 @@ class Marlin(Device):
         self._trace(self.now)
         before = self.steppers.place(self.now)
         x, y = self.steppers.kill(self.now)
-        if x or y:
-            self.slip = self.slip[0] + x, self.slip[1] + y
-            self.recorder.move(self.now, self.now, self._real(before))
+        self._overrun(before, x, y)
         at = self.steppers.count
         self._position = tuple(a - o for a, o in zip(at, self._offset, strict=True))  # type: ignore[assignment]
 
@@ -282,13 +280,9 @@ class Marlin(Device):
             self._servo(values)
         elif word in ("M114", "M115", "M105", "M119"):
             self._report(word)
-        elif (
-            word == "M110"
-            or word in ("G17", "G40", "G49", "G54", "G80", "G94", "M3", "M4", "M5", "M7", "M8", "M9")
-            or word in ("M17", "M82", "M83", "M85", "M106", "M107", "M108", "M113", "M117", "M211", "M300", "M410")
-        ):
-            pass
-        else:
+        elif word == "M110":
+            self._last_n = int(values.get("N", self._last_n))
+        elif word not in IDLE:
             return int(word[1:]) in SETTINGS
         return True
 

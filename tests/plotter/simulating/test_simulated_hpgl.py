@@ -84,7 +84,10 @@ def test_view_lifts_the_pen_and_a_second_time_it_goes_on() -> None:
     host.ask("SP1;PU0,0;VS2;PD2000,0,2000,2000;", 4.0)
     assert host.device.pen_down
     host.device.press(host.port.now())
+    assert host.device.pen_down  # the vector is drawn to its end
+    host.hear(5.0)
     assert not host.device.pen_down
+    assert host.device.place_mm == pytest.approx((2000 * UNIT, 0))
     assert host.ask("\x1b.O", 0.5) in ("16\r", "24\r")
     host.device.press(host.port.now())
     assert host.device.pen_down

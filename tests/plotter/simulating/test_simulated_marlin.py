@@ -45,6 +45,12 @@ def test_a_damaged_line_is_asked_for_again(line: str, error: str, ok: str) -> No
     assert host.ask(numbered(3, "G21")) == "ok\n"
 
 
+def test_m110_sets_the_number_with_or_without_one_of_its_own() -> None:
+    host = Host("ender3")
+    assert host.ask("M110 N20\n" + numbered(21, "G21")) == "ok\nok\n"
+    assert host.ask(numbered(7, "M110 N3") + numbered(4, "G21")) == "ok\nok\n"
+
+
 def test_it_takes_four_commands_and_a_ring_and_loses_the_rest() -> None:
     host = Host("ender3")
     host.ask("G4 S5\n", 0.5)

@@ -233,7 +233,8 @@ class MarlinCodec:
 
     def _said(self, line: str, now: float) -> list[Event]:
         if re.match(r"ok\b", line):
-            return self._acknowledged(line, now)
+            place = _POSITION.match(line[2:].lstrip())  # some answer M114 in one line: "ok X:…"
+            return (self._shown(now) if place else []) + self._acknowledged(line, now)
         if found := _RESEND.match(line):
             return self._again(int(found[1]), now)
         if place := _POSITION.match(line):
