@@ -455,12 +455,25 @@ def _acted(session: Session, key: str) -> bool:
     elif key == "0":
         session.go(0.0, 0.0)
     elif key == "h":
-        session.home()
+        _home_or_go_on(session)
     elif key == "o":
         _put_corner(session)
     else:
         return False
     return True
+
+
+def _home_or_go_on(session: Session) -> None:
+    """Home; a machine that cannot stays where it is, if it is not locked by the attempt."""
+    from strokeplan.errors import DeviceLost, DriveError
+
+    try:
+        session.home()
+    except DeviceLost:
+        raise
+    except DriveError as error:
+        typer.echo(f"note: {error}", err=True)
+        session.begin()
 
 
 def _put_corner(session: Session) -> None:
