@@ -12,12 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parent.parent))
+from conftest import heard
 from drawings import EYE, SWAN, drawing
 from machines import Port
+from typer.testing import CliRunner
 
 from strokeplan.cli import app
 from strokeplan.errors import StrokeplanError
@@ -261,9 +259,9 @@ class Terminal:
     def until(self, pattern: str) -> None:
         """Read until it is said."""
         while not re.search(pattern, self.said):
-            heard = _heard(self.keys)
-            assert heard, f"{pattern!r} was not said: {self.said}"
-            self.said += heard.decode()
+            said = heard(self.keys)
+            assert said, f"{pattern!r} was not said: {self.said}"
+            self.said += said.decode()
 
     def type(self, text: str) -> None:
         self.said = ""
@@ -271,8 +269,8 @@ class Terminal:
 
     def end(self) -> int:
         """Its exit code."""
-        while heard := _heard(self.keys):
-            self.said += heard.decode()
+        while said := heard(self.keys):
+            self.said += said.decode()
         self.thread.join(20)
         os.close(self.keys)
         return self.process.wait(20)
@@ -284,12 +282,6 @@ def _control(terminal: int) -> None:
     import termios
 
     fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
-
-
-def _heard(terminal: int) -> bytes:
-    from conftest import heard
-
-    return heard(terminal)
 
 
 def test_at_a_terminal() -> None:

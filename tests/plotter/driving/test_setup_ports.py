@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 import termios
 from collections.abc import Sequence
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from machines import Port as Simulated
 
 from strokeplan.errors import DeviceLost, InputError, PlotError
