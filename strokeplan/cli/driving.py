@@ -247,7 +247,7 @@ def _drive(
     from strokeplan.plotter.driving.codecs import baud_of
     from strokeplan.plotter.driving.jobs import journal
     from strokeplan.plotter.driving.link import Link
-    from strokeplan.plotter.driving.ports import chosen
+    from strokeplan.plotter.driving.ports import chosen, keep_awake
     from strokeplan.plotter.driving.streamer import Streamer
     from strokeplan.plotter.driving.timetable import timetable
     from strokeplan.plotter.driving.transport import open_port
@@ -259,10 +259,11 @@ def _drive(
         opened(open_port(port, baud or baud_of(machine))) as transport,
         at_the_machine(table, yes=yes, quiet=quiet) as operator,
     ):
+        keep_awake(transport, awake=False)
         link = Link(transport, trace=record, emergency=operator.emergency)
         said = _met(link, codec, home=home)
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
-        if not operator.ask(place):
+        if not operator.ask(place + _believed(link, codec, work)):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
         log = journal(job, work)
@@ -286,6 +287,18 @@ def _met(link: Link, codec: Codec, *, home: bool) -> str:
     except Emergency:
         raise DriveError("stopped before the first stroke; nothing was drawn") from None
     return said
+
+
+def _believed(link: Link, codec: Codec, work: Script) -> str:
+    """What the machine says of its place, where that is not its zero: what it says goes."""
+    from strokeplan.plotter.driving.codec import Locator
+
+    at = codec.place(link) if isinstance(codec, Locator) else None
+    if at is None or max(map(abs, at)) * work.unit_mm < 0.05:
+        return ""
+    return (
+        f" (the machine says that it is at X{at[0] * work.unit_mm:.2f} Y{at[1] * work.unit_mm:.2f}: that is believed)"
+    )
 
 
 @contextmanager

@@ -152,7 +152,7 @@ class Locator(Protocol):
     """
 
     def place(self, link: Link) -> tuple[float, float] | None:
-        """Where the machine says that it stands, at rest; None if it does not say. After `start`."""
+        """Where the machine says that it stands, at rest; None if it does not say. After `greet`."""
 
     def put(self, link: Link, x: float, y: float) -> str:
         """Let the present place be these coordinates, and write no setting; how, in words, and how long it lasts.

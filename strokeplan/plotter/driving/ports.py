@@ -142,11 +142,12 @@ def ask(open_at: Callable[[int], Transport]) -> tuple[str, str] | None:
     return found or _asked(open_at(PLOTTER_BAUD), _pen_plotter)
 
 
-def keep_awake(transport: Transport) -> None:
+def keep_awake(transport: Transport, *, awake: bool = True) -> None:
     """Keep DTR up when the port is closed (POSIX), so that the next opening does not start the machine anew.
 
-    What the machine knows of its place is kept from one set-up command to the next, and to the drawing. The very first
-    opening after plugging in resets all the same.
+    What the machine knows of its place is kept from one set-up command to the next, and to the drawing; that one lets
+    the line drop again (awake=False), so that whoever resumes after a crash finds the machine as it is told to be: at
+    its zero. The very first opening after plugging in resets all the same.
     """
     descriptor = getattr(transport, "descriptor", None)
     try:
@@ -156,7 +157,7 @@ def keep_awake(transport: Transport) -> None:
     if descriptor is not None:
         with suppress(termios.error):  # a socket
             attributes = termios.tcgetattr(descriptor)
-            attributes[2] &= ~termios.HUPCL
+            attributes[2] = attributes[2] & ~termios.HUPCL | (0 if awake else termios.HUPCL)
             termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 

@@ -222,6 +222,24 @@ def test_auto_takes_the_only_one(machine: Machines, monkeypatch: pytest.MonkeyPa
     assert run("ports").splitlines()[1].startswith("Y              1A86:7523 CH340: GRBL or")
 
 
+def test_plot_finds_its_port_and_says_where_the_machine_is(
+    machine: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(drawing([SWAN, EYE]), tmp_path / "plan.json")
+    port = machine("grbl_servo", "grbl-no-reset")
+    there: list[Listed] = []
+    monkeypatch.setattr("strokeplan.plotter.driving.ports.plugged_in", lambda: there)
+    words = (tmp_path / "plan.json", "--profile", "grbl_servo", "--port", "auto", "--yes", "--jobs", tmp_path / "jobs")
+    with pytest.raises(StrokeplanError, match="no port looks like grbl_servo"):
+        run("plot", *words)
+    there.append(Listed("X", "", "1A86:7523", *IDS[0x1A86, 0x7523]))
+    run("jog", "--profile", "grbl_servo", "--port", "auto", 30, 20)
+    said = run("plot", *words)
+    assert "the machine says that it is at X30.00 Y20.00: that is believed" in said
+    assert "drawn       all 2 strokes" in said
+    assert len(port.device.drawn.lines) == 2
+
+
 def test_a_machine_of_another_kind_is_refused_by_name(machine: Machines) -> None:
     port = machine("ender3")
     with pytest.raises(StrokeplanError, match="answers as Marlin, and the profile speaks GRBL"):

@@ -167,6 +167,8 @@ def test_closing_the_port_does_not_drop_its_line() -> None:
     line = FilePort(slave, "pty")
     keep_awake(line)
     assert not termios.tcgetattr(slave)[2] & termios.HUPCL
+    keep_awake(line, awake=False)
+    assert termios.tcgetattr(slave)[2] & termios.HUPCL
     line.close()
     os.close(master)
     keep_awake(Deaf())  # no descriptor: nothing to do
