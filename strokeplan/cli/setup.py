@@ -316,6 +316,8 @@ def _machine(
                 session.claim(*at)
             elif moves and not session.told:
                 typer.echo("note: this machine does not say where it is; it is taken to stand at X0 Y0", err=True)
+            elif moves and not session.sure:
+                typer.echo("note: opening the port started the machine anew: X0 Y0 is where it stands now", err=True)
             yield session
 
 
@@ -487,8 +489,8 @@ def _save_corner(session: Session, name: str) -> None:
     from strokeplan.errors import InputError
     from strokeplan.plotter.driving.tuning import saved
 
-    if not session.told:
-        raise InputError(f"--save: {session.profile.name} does not know where it stands")
+    if not session.sure:
+        raise InputError(f"--save: {session.profile.name} does not know where it stands; home it first (--home)")
     path, begun = saved(name, "machine", "offset_mm", [round(at, 2) for at in session.at])
     new = ", a copy that goes before the one that ships" if begun else ""
     typer.echo(f"wrote offset_mm = [{session.at[0]:.2f}, {session.at[1]:.2f}] to {path}{new}")

@@ -56,9 +56,14 @@ class Session:
         """Where the pen is, in mm of the machine."""
         self.told = False
         """Whether the machine has said so."""
-        self.begun = self.down = False
+        self.begun = self.down = self.homed = False
         self.taken = False
         """Whether a plotter that fetches its pens itself has one."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether the machine knows its place: it was homed here, or has not started anew."""
+        return self.told and (self.homed or self.codec.kept)
 
     # Coming and going
 
@@ -80,6 +85,7 @@ class Session:
         with suppress(DriveError):  # a locked machine takes no other command
             self.codec.start(self.link)
         self.codec.home(self.link)
+        self.homed = True
         self.begin()
 
     def _locate(self) -> None:

@@ -213,7 +213,8 @@ def check(result: Rehearsal, near: float = NEAR_MM) -> None:
     """Everything is drawn; no run drew what was proven before it; nothing lies elsewhere; pens are up at stops."""
     assert result.finished, [run.ending.reason for run in result.runs]
     wanted, drawn = lines_of(result.job), result.port.device.drawn
-    assert not missing(result.job, drawn, near)
+    gone = missing(result.job, drawn, near)
+    assert not gone, "; ".join(gone)
     for run in result.runs:
         if run.ending.pen_up or run.ending.finished:
             assert not run.pen_down, f"the pen is down after: {run.ending}"

@@ -99,7 +99,10 @@ def test_jog_moves_from_command_to_command(machine: Machines) -> None:
 def test_a_board_that_starts_anew_can_be_told_where_it_is(machine: Machines) -> None:
     """Opening its port resets it: it takes the place where it stands as its zero."""
     port = machine("grbl_servo")
-    run("jog", "--profile", "grbl_servo", "--port", "X", 30, 20)
+    said = run("jog", "--profile", "grbl_servo", "--port", "X", 30, 20)
+    assert "note: opening the port started the machine anew: X0 Y0 is where it stands now" in said
+    with pytest.raises(StrokeplanError, match=r"does not know where it stands; home it first \(--home\)"):
+        run("origin", "--save", "--profile", "grbl_servo", "--port", "X")
     assert "at X10.00 Y10.00" in run("jog", "--profile", "grbl_servo", "--port", "X", "--at", "30,20", -20, -10)
     assert at(port) == (10, 10)
 

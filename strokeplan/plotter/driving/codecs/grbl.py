@@ -99,7 +99,7 @@ class GrblCodec:
         self.dwelt = False
         self.longest_dwell_s = 0.0
         self.out = b""
-        self.locked = False
+        self.locked = self.kept = False
         self.shift: tuple[float, float] | None = None
         """What G92 has moved the origin by, as `$#` shows it."""
         self.link: Link | None = None
@@ -119,9 +119,10 @@ class GrblCodec:
 
         found = link.hear(banner, BANNER_S)
         refuse_other(self.name, recognise(found or ""))
+        self.kept = found is None  # it did not start anew
         link.drain(0.2)
         link.forget()
-        link.say("")  # whatever stands in the machine's line buffer ends here
+        link.say("#")  # what is left of an earlier line, if anything, is refused with it
         link.drain(0.2)
         version, options = self._identify(link)
         found = found or version
@@ -166,7 +167,7 @@ class GrblCodec:
                 self.locked = True
                 return
             if state.startswith(("Hold", "Door", "Check", "Sleep")):
-                self._reset(link)
+                self.kept = self.kept and not self._reset(link)
             link.drain(POLL_S, POLL_S)
         raise DriveError(f"the machine does not come to rest in {IDLE_S:g} s; switch it off and on")
 
