@@ -18,6 +18,7 @@ from strokeplan.cli import (
     driving,
     inkscape,
     inspection,
+    pen,
     planning,
     presets,
     preview,
@@ -76,7 +77,7 @@ app.command("jog", context_settings={"ignore_unknown_options": True})(setup.jog)
 app.command("home")(setup.home)
 app.command("frame")(setup.frame)
 app.command("origin")(setup.origin)
-app.add_typer(setup.pen_app, name="pen")
+app.add_typer(pen.app, name="pen")
 app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")
