@@ -19,11 +19,13 @@ from strokeplan.cli import (
     driving,
     inkscape,
     inspection,
+    pen,
     planning,
     presets,
     preview,
     profiles,
     rendering,
+    setup,
     simulating,
 )
 from strokeplan.errors import StrokeplanError
@@ -71,6 +73,12 @@ app.command("preview")(preview.preview)
 app.command("plot")(driving.plot)
 app.command("resume")(driving.resume)
 app.add_typer(driving.jobs_app, name="jobs")
+app.command("ports")(setup.ports)
+app.command("jog", context_settings={"ignore_unknown_options": True})(setup.jog)
+app.command("home")(setup.home)
+app.command("frame")(setup.frame)
+app.command("origin")(setup.origin)
+app.add_typer(pen.app, name="pen")
 app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")

@@ -46,6 +46,9 @@ class GcodeScript(Script):
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         return self.writer.line(j, pen)
 
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        yield self.writer.rapid(f"X{number(end[0])} Y{number(end[1])}")
+
     def visit(self, stop: Visit) -> Iterator[str]:
         return (text for text in self.writer.visit(stop) if not text.startswith(";"))
 
@@ -87,6 +90,14 @@ class HpglScript(Script):
         feed = pen.settings.draw_mm_min or self.program.profile.speeds.draw_mm_min
         return tuple(hpgl.taken(pen, feed, self.dialect))
 
+    @property
+    def unit_mm(self) -> float:
+        return self.dialect.unit_mm
+
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        x, y = (round(at / self.dialect.unit_mm) for at in end)
+        yield f"PU{x},{y};"
+
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         return hpgl.line_commands(self.units_of[self.starts[j] : self.starts[j + 1]].tolist(), self.room)
 
@@ -121,6 +132,10 @@ class EbbScript(Script):
         yield down
         yield from commands[first:]
         yield up
+
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        self.at = start
+        yield from ebb.xm(self._planned(np.array([end]), self.program.profile.speeds.travel_mm_min)[1])
 
     def parked(self, pen: int) -> tuple[str, ...]:
         return self.last()

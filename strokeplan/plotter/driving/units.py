@@ -67,12 +67,21 @@ class Script:
     def __len__(self) -> int:
         return len(self.program) * self.copies
 
+    @property
+    def unit_mm(self) -> float:
+        """The unit of the coordinates in its commands."""
+        return 1.0
+
     def phrases(self, pen: int) -> Phrases:
         """What the codec says around the units of a pen."""
         raise NotImplementedError
 
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         """The commands of line j."""
+        raise NotImplementedError
+
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        """The commands that carry the pen, up, from where it is to another place, mm of the machine."""
         raise NotImplementedError
 
     def visit(self, stop: Visit) -> Iterator[str]:

@@ -17,12 +17,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from drawings import drawing
 
 from strokeplan.errors import StrokeplanError
+from strokeplan.plotter.cutting import straight
 from strokeplan.plotter.driving.codecs import baud_of, codec_for
 from strokeplan.plotter.driving.journal import Journal
 from strokeplan.plotter.driving.link import Emergency, Link
 from strokeplan.plotter.driving.streamer import Ending, Streamer, Wish
 from strokeplan.plotter.driving.units import script
-from strokeplan.plotter.cutting import straight
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.faults import Faults

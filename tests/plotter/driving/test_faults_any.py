@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from rehearsal import check, rehearse, short_job
 from schedules import LEVERS, LOWERED, MACHINES, Wishes, draw_it, schedules, wishes
 

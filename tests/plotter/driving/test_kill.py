@@ -21,8 +21,8 @@ import pytest
 from rehearsal import missing
 
 from strokeplan.formats import save
-from strokeplan.plotter.driving import jobs
 from strokeplan.plotter.cutting import straight
+from strokeplan.plotter.driving import jobs
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.firmware import Firmware, firmware

@@ -21,8 +21,10 @@ from collections import deque
 from dataclasses import dataclass
 
 from strokeplan.errors import DriveError
+from strokeplan.plotter.dialects.gcode import number
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases
 from strokeplan.plotter.driving.codecs.grbl_talk import (
+    ANSWER_S,
     BANNER,
     BUFFER,
     NAME,
@@ -32,8 +34,10 @@ from strokeplan.plotter.driving.codecs.grbl_talk import (
     hold,
     home,
     meet,
+    place,
     query,
     reset,
+    shift,
     state_in,
 )
 from strokeplan.plotter.driving.link import Link
@@ -100,6 +104,8 @@ class GrblCodec:
         self.longest_dwell_s = 0.0
         self.out = b""
         self.locked = self.kept = False
+        self.shift: tuple[float, float] | None = None
+        """What G92 has moved the origin by."""
         self.link: Link | None = None
         self.polled = self.heard = self.answered = 0.0
         self.state = ""
@@ -111,11 +117,13 @@ class GrblCodec:
         self.link = link
         met = meet(link)
         self.kept, self.locked, self.room, self.tagged = met.kept, met.locked, met.room, met.tagged
+        self.shift = shift(link)
         if isinstance(self.profile.tool, PwmServo) and "$32=1" in query(link, "$$"):
             raise DriveError("the machine is in laser mode ($32=1), which drops the pen on its way; set $32=0")
         return met.said
 
     def home(self, link: Link) -> None:
+        self._settle(link)
         home(link)
         self.locked = False
 
@@ -127,6 +135,29 @@ class GrblCodec:
 
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         through(self, link, commands)
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        self._settle(link)
+        return place(link)
+
+    def put(self, link: Link, x: float, y: float) -> str:
+        self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
+        self._settle(link)
+        self.shift = shift(link)
+        return "G92, which lasts until the machine is reset or switched off"
+
+    def _settle(self, link: Link) -> None:
+        """Hear the `ok` of a fence that was proven before it: it must not be taken for another answer."""
+        until = link.now() + ANSWER_S
+        while self.sent and link.now() < until:
+            if data := link.read(POLL_S):
+                self.feed(data, link.now())
+
+    def _shift_again(self, link: Link) -> None:
+        """What G92 said before a reset that the position has survived."""
+        at = self.place(link) if self.shift else None
+        if self.shift and at:
+            self.say(link, (f"G92 X{number(at[0] - self.shift[0])} Y{number(at[1] - self.shift[1])}",))
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         known = fault is None or fault.kind in ("refused", "confused", "held")
@@ -143,6 +174,8 @@ class GrblCodec:
             known = False
             query(link, "$X")
         self.say(link, self.phrases.start)
+        if known:
+            self._shift_again(link)
         self.say(link, self.phrases.up if known else self.phrases.lift)
         if fault is None and known:
             self.say(link, self.phrases.park)

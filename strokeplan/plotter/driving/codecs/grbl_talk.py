@@ -22,6 +22,8 @@ BANNER_S = 3.0
 ANSWER_S = 3.0
 IDLE_S = 120.0
 """The longest that a machine may finish what it has."""
+REPORTS = 40
+"""The offset of coordinates stands in one report of 10, of a machine that works in one of 30."""
 TAGS = 99
 BANNER = re.compile(r"(Grbl|GrblHAL|DrawCore|FluidNC)\b.*\d.*", re.IGNORECASE)
 
@@ -128,6 +130,31 @@ def ask_state(link: Link, tries: int = 3) -> str:
         if found:
             return found
     return ""
+
+
+def place(link: Link) -> tuple[float, float] | None:
+    """x and y in mm from status reports: WPos, or MPos less the offset, which some reports show; None if none does."""
+    scale = 25.4 if "$13=1" in query(link, "$$") else 1.0
+    seen: dict[str, tuple[float, float]] = {}
+    for _ in range(REPORTS):
+        link.push(b"?")
+        report = link.hear(lambda line: line if state_in(line) is not None else None, 1.0) or ""
+        for name, first, second in re.findall(r"\|(WPos|MPos|WCO):(-?[\d.]+),(-?[\d.]+)", report):
+            seen[name] = float(first) * scale, float(second) * scale
+        if "MPos" in seen and "WCO" in seen:
+            (x, y), (dx, dy) = seen["MPos"], seen["WCO"]
+            return x - dx, y - dy
+        if "WPos" in seen:
+            return seen["WPos"]
+    return None
+
+
+def shift(link: Link) -> tuple[float, float] | None:
+    """What G92 has moved the origin by, which a reset forgets; None: by nothing."""
+    line = next((line for line in query(link, "$#") if line.startswith("[G92:")), "")
+    found = re.match(r"\[G92:(-?[\d.]+),(-?[\d.]+)", line)
+    by = (float(found[1]), float(found[2])) if found else (0.0, 0.0)
+    return by if any(by) else None
 
 
 def hold(link: Link) -> bool:
