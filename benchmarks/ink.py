@@ -25,9 +25,10 @@ from scipy.ndimage import gaussian_filter
 
 import strokeplan
 from strokeplan.image import Photo, photo_files
-from strokeplan.ink import PAGE, length_mm
+from strokeplan.ink_budget import length_mm
 from strokeplan.rendering import paint
 from strokeplan.separation import lightness, luminance
+from strokeplan.sheet import PAGE
 
 DOTS_A_MM = 300 / 25.4
 VIEWED_MM = 400.0

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import strokeplan
 from strokeplan.cli import app
 from strokeplan.errors import InputError, PresetError
-from strokeplan.ink import length_mm
+from strokeplan.ink_budget import length_mm
 from strokeplan.ink_presets import find_ink, ink_names, ink_source, override_ink
 from strokeplan.page import Page
 from strokeplan.pens import load_pens
