@@ -45,7 +45,7 @@ def draw(
     if recipe.pens is None:
         recipe = recipe._replace(pens=pens_of(profile, load_pens(recipe.preset.pens)))
     sheet = recipe.page or page_for(photo, profile)
-    _check_reach(photo, sheet, profile)
+    check_reach(photo, sheet, profile)
     budgets = [] if recipe.max_time_s is None else [_time_budget(recipe.max_time_s, profile)]
     return ink.draw(photo, recipe, page=sheet, budgets=budgets, threads=threads, progress=progress)
 
@@ -100,7 +100,7 @@ def _time_budget(seconds: float, profile: Profile) -> Budget:
     return (lambda plan: time_of(plan, profile)), seconds
 
 
-def _check_reach(photo: Photo, page: Page, profile: Profile) -> None:
+def check_reach(photo: Photo, page: Page, profile: Profile) -> None:
     """Raise PlotError if the machine does not reach all of the picture, before it is drawn."""
     from strokeplan.plotter.machine import page_transform
 

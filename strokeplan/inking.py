@@ -27,8 +27,6 @@ SHARP = 0.5
 """σ of the blur of what a pen should cover, in its widths: lines show nothing finer."""
 EYE_WIDTHS, FEEDBACK_WIDTHS, MEND_WIDTHS = 1.7, 2.7, 1.5
 """σ of the blur, in widths of the pen, of what is covered so far; of the correction of the spacing; of mending."""
-MEND_LIGHT = 1.07
-"""Mending aims at so many times the light: it can add ink and take none away, and would leave a drawing too dark."""
 ROUNDS = 3
 """How often a layer is drawn to find its spacing."""
 CORRECTION = (1.0, 0.6)
@@ -78,35 +76,40 @@ def lines_of(demand: Raster, job: Job, step: Step) -> Lines:
         _cover(parts[-1], job, covered)
         before = layer.reach
     parts.append(_dashes(sharp, covered, job))
-    _cover(parts[-1], job, covered)
     step()
+    lines = joined(parts)
     if job.preset.mend_mm:
-        parts.append(_mended(demand, covered, job))
+        lines = _mended(lines, demand, job)
     step()
-    return joined(parts)
+    return lines
 
 
 def _cover(lines: Lines, job: Job, covered: Raster) -> None:
-    cover(lines, job.pen.width_mm, job.sheet.pixel_mm, covered)
+    cover(lines, job.pen.width_mm, job.sheet.pixel_mm, covered, every=2)
 
 
 def _layer(sharp: Raster, covered: Raster, before: float, reach: float, job: Job, step: Step) -> Lines:
     """Lines of one direction that bring what is covered up to the demand, or to the layer's reach."""
     preset, width = job.preset, job.pen.width_mm
     so_far = seen(covered, job.pixels(EYE_WIDTHS))
-    aim = np.minimum(sharp, reach)
+    # Tones that would ask too little of the next layer are left to this one.
+    aim = np.where(sharp > reach + preset.lines_from * (1 - reach), np.float32(reach), sharp)
     wanted = np.clip((aim - so_far) / (1 - so_far), 0, MOST_OF_A_LAYER)
     here = (wanted > preset.lines_from) & (sharp > before)
     asked = seen(np.where(here, aim - so_far, 0), job.pixels(FEEDBACK_WIDTHS))
     separation = np.where(here, width / np.maximum(wanted, 0.01), 0).astype(np.float32)
     lines = NO_LINES
+    if not here.any():
+        for _ in range(ROUNDS):
+            step()
+        return lines
     for attempt in range(ROUNDS):
         lines = hatch(
             job.samples, job.spacing, separation, job.sheet.pixel_mm,
             min_length_mm=preset.min_length_mm, max_length_mm=preset.max_length_mm, min_radius_mm=preset.min_radius_mm,
         )  # fmt: skip
         step()
-        if attempt == ROUNDS - 1 or not here.any():
+        if attempt == ROUNDS - 1:
             break
         after = covered.copy()
         _cover(lines, job, after)
@@ -126,12 +129,11 @@ def _dashes(sharp: Raster, covered: Raster, job: Job) -> Lines:
     )  # fmt: skip
 
 
-def _mended(demand: Raster, covered: Raster, job: Job) -> Lines:
-    """Strokes that fill what is left too light."""
-    blur = job.pixels(MEND_WIDTHS) / COARSE
-    ink, wanted = blocks(covered), blocks(demand)
+def _mended(lines: Lines, demand: Raster, job: Job) -> Lines:
+    """The lines, and what makes them look as dark as they should."""
     return mend(
-        job.samples, job.spacing, blurred(1 - ink, blur), blurred(1 - wanted, blur) * np.float32(MEND_LIGHT), ink,
-        COARSE * job.sheet.pixel_mm, job.sheet.size_mm, job.pen.width_mm,
-        sigma_mm=MEND_WIDTHS * job.pen.width_mm, lengths_mm=job.preset.mend_mm, seed=job.seed,
+        lines, job.samples, job.spacing, blocks(1 - demand), (demand.shape[0], demand.shape[1]),
+        job.sheet.pixel_mm, job.sheet.size_mm, job.pen.width_mm,
+        sigma_mm=MEND_WIDTHS * job.pen.width_mm, lengths_mm=job.preset.mend_mm, least_mm=job.preset.min_length_mm,
+        seed=job.seed,
     )  # fmt: skip

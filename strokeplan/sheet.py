@@ -73,8 +73,10 @@ def blocks(image: Raster) -> Raster:
     """Means of COARSE × COARSE pixels; what is left over at the right and bottom is repeated."""
     rows, columns = image.shape
     padded = np.pad(image, ((0, -rows % COARSE), (0, -columns % COARSE)), mode="edge")
-    means: Raster = padded.reshape(padded.shape[0] // COARSE, COARSE, -1, COARSE).mean(axis=(1, 3), dtype=np.float32)
-    return means
+    # Row by row, then column by column: one sum over both axes takes three times as long.
+    across = sum(padded[k::COARSE] for k in range(1, COARSE)) + padded[::COARSE]
+    total: Raster = sum(across[:, k::COARSE] for k in range(1, COARSE)) + across[:, ::COARSE]
+    return total * np.float32(1 / COARSE**2)
 
 
 def seen(image: Raster, sigma: float) -> Raster:
