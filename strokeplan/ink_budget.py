@@ -25,9 +25,9 @@ Budget = tuple[Callable[[StrokePlan], float], float]
 
 SEARCHES = 10
 """Drawings made at most to find the one for a budget."""
-NEAR_ENOUGH = 0.98
+NEAR_ENOUGH = 0.97
 """A drawing that uses this part of a budget is the one."""
-AIM = 0.99
+AIM = 0.985
 """The part of a budget that the next drawing aims at: two with nearly the same λ differ by some half a per cent."""
 COARSELY = 4
 """The ink that is asked for is summed over every so many-th pixel."""

@@ -229,7 +229,8 @@ def _retouch(sight: _Sight, strokes: _Strokes, ground: _Ground, order: NDArray[n
         steps = strokes.last[s] - strokes.first[s]
         if steps < 1:
             continue
-        if steps * STEP_MM <= SHORT_MM and _take_away(sight, strokes, s):
+        short = strokes.least[s] == LEAST_STEPS  # no line
+        if short and _take_away(sight, strokes, s):
             continue
         for end in (1, -1):
             shorter = False
@@ -237,7 +238,7 @@ def _retouch(sight: _Sight, strokes: _Strokes, ground: _Ground, order: NDArray[n
                 shorter = True
             while not shorter and _lengthen(sight, strokes, ground, s, end, END_STEPS):
                 pass
-        if (strokes.last[s] - strokes.first[s]) * STEP_MM <= SHORT_MM:
+        if short:
             for dx, dy in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
                 _shift(sight, strokes, ground, s, dx * sight.radius, dy * sight.radius)
 
