@@ -64,7 +64,7 @@ class InkPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     dash_mm: Annotated[tuple[Millimetres, ...], Meta(min_length=2, max_length=2)] = (0.3, 2.0)
     """Length of dashes, in the lightest tones and where lines begin."""
     mend_mm: Annotated[tuple[Millimetres, ...], Meta(max_length=8)] = (3.0, 1.5, 0.6)
-    """Lengths of strokes that fill what lines leave too light; none: left as it is."""
+    """Lengths of strokes that fill what lines leave too light; none: nothing is added."""
     strength: Annotated[float, Meta(gt=0, le=1)] = 1.0
     """Part of the ink that the photo's tone asks for."""
     bare: Annotated[float, Meta(ge=0, le=0.9)] = 0.0

@@ -78,8 +78,7 @@ def lines_of(demand: Raster, job: Job, step: Step) -> Lines:
     parts.append(_dashes(sharp, covered, job))
     step()
     lines = joined(parts)
-    if job.preset.mend_mm:
-        lines = _mended(lines, demand, job)
+    lines = _mended(lines, demand, job)
     step()
     return lines
 
