@@ -986,6 +986,7 @@ CALL = "from strokeplan.cli import main; main()"
     [
         ("paper", "layer 1 of 4", 0, False),
         ("fine", "layer 1 of 5", 0, False),
+        ("engraving", "drawing", 0.5, False),
         ("fine", "compiling the kernels", 2, True),
     ],
 )

@@ -89,6 +89,14 @@ MaxLengthOption = Annotated[
     str | None,
     typer.Option("--max-length", metavar="LENGTH", help="Ink: the best drawing with lines of that length: 120m, 80cm."),
 ]
+MaxTimeOption = Annotated[
+    str | None,
+    typer.Option("--max-time", metavar="TIME", help="Ink: the best that --profile draws in 90min, 1h30m, 1.5h."),
+]
+InkProfileOption = Annotated[
+    str | None,
+    typer.Option("--profile", metavar="NAME|FILE", help="Ink: a machine, for its page, pens and time."),
+]
 MaskOption = Annotated[
     Path | None,
     typer.Option("--mask", metavar="IMAGE", help="Where detail matters: white most, mid grey as usual, black least."),

@@ -160,6 +160,8 @@ class PenSettings(_Table, frozen=True, kw_only=True):
     down_percent: Annotated[float, Meta(ge=0, le=100)] | None = None
     lower_s: Seconds | None = None
     raise_s: Seconds | None = None
+    width_mm: Annotated[float, Meta(ge=0.05, le=20)] | None = None
+    """How wide it draws: what `plan --profile` takes for a pen of that name."""
 
 
 class Change(_Table, frozen=True, kw_only=True):
