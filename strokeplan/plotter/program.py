@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from strokeplan.biarcs import ArcChains, biarcs_all
 from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
+from strokeplan.grouping import gathered
 from strokeplan.plotter.chaining import as_they_come, chained, drawn_rows, in_order
 from strokeplan.plotter.layout import lay_out
 from strokeplan.plotter.machine import PageTransform, page_transform
@@ -91,9 +92,9 @@ class Program:
         return Program(
             self.profile,
             self.transform,
-            np.concatenate([self.line(j) for j in keep.tolist()]),
+            self.points[gathered(self.starts, keep)],
             np.concatenate([[0], np.cumsum(np.diff(self.starts)[keep])]),
-            np.concatenate([self.radii[knots[j] : knots[j + 1]] for j in keep]),
+            self.radii[gathered(knots, keep)],
             np.zeros(len(keep), np.int64),
             self.layer[keep],
             (self.pens[pen],),
