@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from strokeplan.grouping import reordered
 from strokeplan.plotter.areas import areas_of, quad_segs, require_shapely
-from strokeplan.plotter.cutting import rebuilt
+from strokeplan.plotter.cutting import rebuilt, regained
 from strokeplan.strokes import StrokePlan
 
 PITCH = 0.9
@@ -42,7 +42,8 @@ def bundled(plan: StrokePlan, pen: NDArray[np.float64], tolerance: float) -> tup
     shapely = require_shapely()
     across = 1 + np.ceil(np.maximum((plan.widths - pen) / (PITCH * pen) - SLACK, 0.0)).astype(np.int64)
     wide = np.flatnonzero(across > 1)
-    areas = areas_of(reordered(plan, wide), tolerance / 2) if len(wide) else np.empty(0, object)
+    wider = replace(reordered(plan, wide), layers=regained(plan.layers, wide))
+    areas = areas_of(wider, tolerance / 2) if len(wide) else np.empty(0, object)
     even = _curled(plan, wide, shapely.area(areas)) | plan.has_pressure[wide]
     across[wide] += even & (across[wide] % 2 == 1)
     pitch = (plan.widths - pen)[wide] / (across[wide] - 1)
@@ -50,7 +51,7 @@ def bundled(plan: StrokePlan, pen: NDArray[np.float64], tolerance: float) -> tup
     rings, of = _rings(areas, pen[wide] / 2, pitch, rounds, tolerance)
     rings, of = _with_gaps(areas, rings, of, pen[wide], even, tolerance)
     middle = across % 2 == 1
-    middle[wide] |= plan.has_pressure[wide]
+    middle[wide] |= plan.has_pressure[wide] | (np.bincount(of, minlength=len(wide)) == 0)
     vertices, counts = _seated(rings, _tips(plan)[wide][of])
     passes = replace(plan, pressures=None, angles=None, widths=pen)
     return rebuilt(passes, middle, vertices, counts, wide[of])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from strokeplan.biarcs import ArcChains, biarcs_all
 from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
+from strokeplan.grouping import gathered
 from strokeplan.plotter.chaining import as_they_come, chained, drawn_rows, in_order
 from strokeplan.plotter.layout import lay_out
 from strokeplan.plotter.machine import PageTransform, page_transform
@@ -95,9 +96,9 @@ class Program:
         knots = (self.starts + 2 * np.arange(len(self) + 1)) // 3
         return replace(
             self,
-            points=np.concatenate([self.line(j) for j in keep.tolist()]),
+            points=self.points[gathered(self.starts, keep)],
             starts=np.concatenate([[0], np.cumsum(np.diff(self.starts)[keep])]),
-            radii=np.concatenate([self.radii[knots[j] : knots[j + 1]] for j in keep.tolist()]),
+            radii=self.radii[gathered(knots, keep)],
             pen=self.pen[keep],
             layer=self.layer[keep],
         )

@@ -65,6 +65,20 @@ def test_a_stroke_as_wide_as_the_pen_is_its_middle() -> None:
     assert np.array_equal(passes.points, plan.points)
 
 
+def test_a_bundle_ends_where_butt_caps_do() -> None:
+    plan = painted([BAR], 6.0, "butt")
+    passes, _ = bundled(plan, np.array([0.5]), 0.01)
+    ink = shapely.union_all([union(passes, i, 0.5) for i in range(len(passes))])
+    area = union(plan, 0, cap="flat")
+    assert shapely.area(ink - area.buffer(0.02)) == pytest.approx(0, abs=1e-3)
+    assert shapely.area(area - ink) < 0.02 * area.area
+
+
+def test_a_short_stroke_with_butt_caps_is_drawn_all_the_same() -> None:
+    plan = painted([curve(50, 70, 50.1, 70, 50.2, 70, 50.3, 70)], 6.0, "butt")
+    assert len(bundled(plan, np.array([0.5]), 0.01)[0]) == 1
+
+
 def test_rings_of_a_bundle_are_drawn_without_a_lift() -> None:
     options = PlotOptions(strokes="bundle", pen_width_mm=0.5)
     assert len(program(painted([SWAN]), GRBL, options)) == 1

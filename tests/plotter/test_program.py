@@ -194,6 +194,20 @@ def test_options_that_are_none_are_refused() -> None:
             LayoutOptions(**wrong)  # type: ignore[arg-type]
 
 
+def test_segments_take_the_time_that_the_machine_needs() -> None:
+    """400 cubics of 0.1 mm: as many lines, or lines of 20 ms if asked: 0.83 mm at 2500 mm/min."""
+    way = np.linspace(20, 60, 1201)
+    plan = drawing([np.column_stack([way, 40 + np.sin(way / 3) / 4])])
+    lengths = []
+    for ms in (0.0, 20.0):
+        speeds = msgspec.structs.replace(GRBL.speeds, segment_ms=ms)
+        points, _ = program(plan, having(speeds=speeds)).polylines
+        lengths.append(np.median(np.hypot(*np.diff(points, axis=0).T)))
+        assert distance([points], [np.column_stack([way, 40 - np.sin(way / 3) / 4])]) <= GRBL.tolerance_mm + 0.002
+    assert lengths[0] < 0.2
+    assert lengths[1] > 0.8
+
+
 def test_the_estimate_is_that_of_a_trapezoid() -> None:
     """100 mm right from the origin at 2500 mm/min and 500 mm/s², and home at 6000: l/v + v/a, and the pen's moves.
 

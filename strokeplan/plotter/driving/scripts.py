@@ -135,19 +135,22 @@ class EbbScript(Script):
 
     def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
         self.at = start
-        yield from ebb.xm(self._planned(np.array([end]), self.program.profile.speeds.travel_mm_min)[1])
+        return iter(self._travelled(np.array([end])))
 
     def parked(self, pen: int) -> tuple[str, ...]:
         return self.last()
 
     def last(self) -> tuple[str, ...]:
         """The way home."""
-        profile = self.program.profile
-        return tuple(ebb.written(self._planned(np.zeros((1, 2)), profile.speeds.travel_mm_min)[1], profile))
+        return tuple(self._travelled(np.zeros((1, 2))))
 
     @cached_property
     def feeds(self) -> list[float]:
         return self.program.feeds.tolist()  # type: ignore[no-any-return]
+
+    def _travelled(self, there: NDArray[np.float64]) -> list[str]:
+        profile = self.program.profile
+        return ebb.written(self._planned(there, profile.speeds.travel_mm_min)[1], profile)
 
     def _planned(self, line: NDArray[np.float64], feed: float) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         starts, profile = np.array([0, len(line)]), self.program.profile
