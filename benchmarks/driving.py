@@ -1,4 +1,4 @@
-"""How well a machine is kept busy: share of the wire, CPU, memory. Simulated machines; run `python benchmarks/driving.py`.
+"""How well a machine is kept busy: share of the wire, CPU, memory. Simulated machines: python benchmarks/driving.py
 
 wire     a GRBL whose drawing is made of short segments, so that the wire is what limits it: bytes that went over it
          against what 115,200 baud carry; in simulated time.

@@ -140,8 +140,20 @@ def plot(
 
         return create(jobs_folder(jobs), order, files)
 
-    place = "the paper is in place, and the pen stands at the origin, up"
-    _drive(port, baud, machine, codec, work, begin, 0, place, home=home, yes=yes, trace=trace, quiet=quiet)
+    _drive(
+        port,
+        baud,
+        machine,
+        codec,
+        work,
+        begin,
+        0,
+        "the paper is in place",
+        home=home,
+        yes=yes,
+        trace=trace,
+        quiet=quiet,
+    )
 
 
 def resume(
@@ -166,7 +178,7 @@ def resume(
     machine, chosen, work = _rebuilt(found)
     codec = codec_for(machine, work.phrases(int(chosen.pen[found.done % len(chosen)])))
     pen = chosen.pens[chosen.pen[found.done % len(chosen)]].name
-    place = f"the same sheet lies where it lay, pen {pen!r} is in, and it stands at the origin, up"
+    place = f"the same sheet lies where it lay, pen {pen!r} is in"
     _drive(
         port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done, place,
         home=home, yes=yes, trace=trace, quiet=quiet,
@@ -259,7 +271,9 @@ def _drive(
         link = Link(transport, trace=record, emergency=operator.emergency)
         said = _met(link, codec, home=home)
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
-        if not operator.ask(place):
+        known = codec.kept or home
+        where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
+        if not operator.ask(f"{place}; {where}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
         log = journal(job, work)

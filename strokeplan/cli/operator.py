@@ -56,7 +56,9 @@ class Operator:
 
     def _read_keys(self) -> None:
         if self.live and select.select([sys.stdin], [], [], 0)[0]:
-            typed = os.read(sys.stdin.fileno(), 64).decode("latin-1").lower()
+            typed = ""
+            with suppress(OSError):  # the terminal is gone: SIGHUP says so, too
+                typed = os.read(sys.stdin.fileno(), 64).decode("latin-1").lower()
             self.live = bool(typed)
             self.wishes += [self.keys[key] for key in typed if key in self.keys]
 
@@ -81,10 +83,13 @@ class Operator:
         return False
 
     def note(self, text: str) -> None:
-        typer.echo(f"note: {text}", err=True)
+        with suppress(OSError):
+            typer.echo(f"note: {text}", err=True)
 
     def progress(self, done: int, paused: bool) -> None:
-        if self.update is not None:
+        if self.update is None:
+            return
+        with suppress(OSError):  # nobody sees it any more
             self.update(**self.timetable.shown(done, paused=paused))
 
 

@@ -105,6 +105,9 @@ class Codec(Protocol):
     phrases: Phrases
     """Of the pen that draws; the streamer puts those of another one in their place."""
 
+    kept: bool
+    """After `greet`: whether the machine knows its place from before, so that nobody must put it to its origin."""
+
     def greet(self, link: Link) -> str:
         """Find out who is there; what it says of itself. Raises WrongDeviceError, DriveError (silent, locked)."""
 

@@ -84,7 +84,7 @@ class Streamer:
         self.pen: int | None = None
 
     def run(self, first: int = 0) -> Ending:
-        """Draw from unit `first` on. Every way out of here is an Ending: nothing is raised but bugs."""
+        """Draw from unit `first` on. Every way out of here is an Ending; bugs are raised, after a stop."""
         self.done = first
         try:
             self.codec.start(self.link)
@@ -99,6 +99,9 @@ class Streamer:
             return self._end(str(lost), pen_up=False, known=False)
         except StrokeplanError as error:  # a machine that does not follow, a disk that is full
             return self._stopped(str(error), Fault("confused", str(error)))
+        except BaseException:  # a fault of this program is no reason to leave the pen on the paper
+            self._stopped("", None)
+            raise
         return self._end("", finished=True)
 
     # The stream

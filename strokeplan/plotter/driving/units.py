@@ -87,6 +87,10 @@ class Script:
         """Commands that another pen begins with."""
         return ()
 
+    def parked(self, pen: int) -> tuple[str, ...]:
+        """To where the machine waits for a change, pen up."""
+        return self.phrases(pen).park
+
     @property
     def by_itself(self) -> bool:
         """Whether the machine changes pens without help."""
@@ -107,7 +111,7 @@ class Script:
             changed = before is None or before[1] != pen
             yield Unit(
                 k, line, copy, pen,
-                () if begun or prompt is None else self.phrases(before[1] if before else pen).park,
+                () if begun or prompt is None else self.parked(before[1] if before else pen),
                 prompt,
                 self._commands(line, pen, visits_here, changed),
             )  # fmt: skip
@@ -269,6 +273,9 @@ class EbbScript(Script):
         yield down
         yield from commands[first:]
         yield up
+
+    def parked(self, pen: int) -> tuple[str, ...]:
+        return self.last()
 
     def last(self) -> tuple[str, ...]:
         """The way home."""

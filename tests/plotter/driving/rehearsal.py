@@ -214,7 +214,7 @@ def check(result: Rehearsal, near: float = NEAR_MM) -> None:
     assert result.finished, [run.ending.reason for run in result.runs]
     wanted, drawn = lines_of(result.job), result.port.device.drawn
     gone = missing(result.job, drawn, near)
-    assert not gone, gone
+    assert not gone, "; ".join(gone)
     for run in result.runs:
         if run.ending.pen_up or run.ending.finished:
             assert not run.pen_down, f"the pen is down after: {run.ending}"

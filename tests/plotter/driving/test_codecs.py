@@ -192,6 +192,26 @@ def test_marlin_sends_again_what_was_damaged_and_what_was_not_answered(variant: 
     check(result)
 
 
+def test_marlin_goes_back_to_a_line_whose_ok_was_another_ones() -> None:
+    codec = codec_of("ender3")
+    codec.link = Link(SimulatedPort(firmware(short_job("ender3", 1).profile)))  # type: ignore[attr-defined]
+    for k in range(3):
+        assert codec.take(f"G1 X{k} Y0", 0.0)
+        codec.feed(b"ok\n", 0.0)
+    assert codec.take("G1 X9 Y9", 0.0)
+    codec.outgoing(0.0)
+    assert codec.feed(b"Error:expected line 2 got 4\nResend: 2\nok\n", 0.0) == []
+    sent = []
+    for _ in range(3):
+        sent.append(codec.outgoing(1.0))
+        assert codec.feed(b"ok\n", 1.0) == []
+    assert sent == [framed(2, "G1 X1 Y0"), framed(3, "G1 X2 Y0"), framed(4, "G1 X9 Y9")]
+    for number, kind in ((1, "reset"), (77, "confused")):
+        (event,) = codec.feed(b"Resend: %d\n" % number, 2.0)
+        assert isinstance(event, Fault)
+        assert event.kind == kind
+
+
 # EBB
 
 
@@ -220,3 +240,29 @@ def test_nothing_overflows_in_a_pen_plotter(variant: str, tmp_path: Path) -> Non
     result = rehearse(short_job("hp7475a"), tmp_path, variant=variant)
     check(result)
     assert result.port.device.io_error == 0  # type: ignore[attr-defined]
+
+
+def test_a_board_that_does_not_start_anew_keeps_its_place(tmp_path: Path) -> None:
+    """The cable is pulled and put in again; nobody moves the carriage, and nobody is told to."""
+    job = short_job("grbl_servo")
+    device = firmware(job.profile, variant="grbl-no-reset")
+    port = SimulatedPort(device)
+    codec, link = codec_of("grbl_servo"), Link(port)
+    codec.greet(link)
+    assert not codec.kept  # it was just switched on
+    codec.start(link)
+    codec.say(link, ("G0 X20 Y30",))
+    port = port.reopen(1.0)
+    codec, link = codec_of("grbl_servo"), Link(port)
+    codec.greet(link)
+    assert codec.kept
+    codec.start(link)
+    codec.say(link, ("G0 X21 Y30",))
+    assert device.place_mm == pytest.approx((21.0, 30.0), abs=0.02)
+
+
+def test_boards_that_are_reset_by_their_port_must_be_put_to_the_origin() -> None:
+    for name, kept in (("grbl_servo", False), ("ender3", False), ("axidraw_v3", False), ("hp7475a", True)):
+        codec = codec_of(name)
+        codec.greet(Link(SimulatedPort(firmware(short_job(name, 1).profile))))
+        assert codec.kept is kept

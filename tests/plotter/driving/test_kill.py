@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,7 +34,7 @@ SPEED = 20.0
 ROUNDS = int(os.environ.get("STROKEPLAN_KILLS", "2"))
 
 
-class _Over(Exception):
+class _OverError(Exception):
     pass
 
 
@@ -55,7 +55,7 @@ def bench(name: str) -> Iterator[Bench]:
 
     def clock() -> float:
         if over.is_set():
-            raise _Over
+            raise _OverError
         return (time.monotonic() - begin) * SPEED
 
     def told(what: str) -> None:
@@ -65,10 +65,8 @@ def bench(name: str) -> Iterator[Bench]:
             device.by_hand((0.0, 0.0), clock() + 20.0, 0.0)  # type: ignore[attr-defined]
 
     def work() -> None:
-        try:
+        with suppress(_OverError):
             serve(device, server, 10_000_000, told=told, clock=clock)
-        except _Over:
-            pass
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -99,7 +97,9 @@ def wait_for(ready: Callable[[], bool], process: subprocess.Popen[bytes]) -> Non
         if process.poll() is not None:
             assert process.stdout is not None
             pytest.fail(f"it has ended: {process.stdout.read().decode()}")
-        assert time.monotonic() < until, "nothing happens"
+        if time.monotonic() > until:
+            process.kill()
+            pytest.fail(f"nothing happens: {ended(process)}")
         time.sleep(0.01)
 
 
@@ -157,4 +157,37 @@ def test_signals_stop_safely_and_say_how_to_go_on(number: signal.Signals, tmp_pa
     assert "the pen is up" in said
     name = next(folder.iterdir()).name
     assert said.strip().endswith(f"continue with: strokeplan resume {name}")
+    assert not table.device.pen_down
+
+
+@pytest.mark.slow
+def test_keys_pause_and_stop(tmp_path: Path) -> None:
+    """On a terminal: Enter says that all is in place, p pauses, p goes on, s stops."""
+    plan, folder = tmp_path / "plan.json", tmp_path / "jobs"
+    save(plan_of(30), plan)
+    screen, keys = os.openpty()
+
+    def done() -> int:
+        return max((job.done for job in jobs.listed(folder) if isinstance(job, jobs.Job)), default=-1)
+
+    with bench("grbl_servo") as table:
+        words = ["plot", plan, "--profile", "grbl_servo", "--port", table.url, "--jobs", folder, "-q"]
+        command = [sys.executable, "-m", "strokeplan", *map(str, words)]
+        process = subprocess.Popen(command, stdin=keys, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        wait_for(lambda: bool(os.write(screen, b"\n")) and done() >= 0, process)  # what is typed before it asks is lost
+        wait_for(lambda: done() > 2, process)
+        os.write(screen, b"p")
+        time.sleep(0.5)  # ten seconds of the machine: what it has is drawn by then
+        paused = done()
+        time.sleep(0.3)
+        assert done() == paused
+        os.write(screen, b"p")
+        wait_for(lambda: done() > paused, process)
+        os.write(screen, b"s")
+        said = ended(process)
+    os.close(screen)
+    os.close(keys)
+    assert process.returncode == 1
+    assert "the paper is in place; the pen stands at the origin, up; then Enter, or s to stop" in said
+    assert "error: stopped; " in said
     assert not table.device.pen_down

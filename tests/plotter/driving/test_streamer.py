@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawings import BAR, EYE, SWAN, drawing
-from rehearsal import Person, Rehearsal, check, rehearse, short_job
+from rehearsal import Person, Rehearsal, check, missing, rehearse, short_job
 
 from strokeplan.errors import OutputError
 from strokeplan.plotter.driving.codecs import baud_of, codec_for
@@ -42,6 +42,7 @@ class Timed(Person):
 
     def ask(self, text: str) -> bool:
         self.moments.append((self.port.now(), self.port.device.pen_down))
+        self.places.append(self.port.device.place_mm)
         self.port.wait(30.0)
         return super().ask(text)
 
@@ -51,7 +52,7 @@ def drive(
 ) -> tuple[Ending, Timed]:
     port = SimulatedPort(firmware(job.profile), baud_of(job.profile))
     person = Timed(port, list(wishes or ()))
-    person.moments = []
+    person.moments, person.places = [], []
     work = script(job, copies)
     codec = codec_for(job.profile, work.phrases(0))
     link = Link(port, emergency=person.emergency)
@@ -110,6 +111,14 @@ def test_a_change_of_pen_waits_parked_with_the_pen_up() -> None:
     assert not any(down for _, down in person.moments)
     assert keeper.keys[-1] == 5
     assert person.port.device.drawn.rests == ()
+
+
+def test_an_ebb_goes_home_for_a_change_of_pen() -> None:
+    job = program(drawing([SWAN, EYE, BAR], pens=("red", "red", "blue")), load_profile("axidraw_v3"))
+    ending, person = drive(job, Memory())
+    assert ending.finished
+    assert person.places[1] == pytest.approx((0.0, 0.0), abs=0.02)
+    assert not missing(job, person.port.device.drawn)
 
 
 def test_a_person_who_says_no_stops_the_job(tmp_path: Path) -> None:

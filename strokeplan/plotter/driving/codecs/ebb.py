@@ -33,9 +33,7 @@ LEAST_VOLTS = 6.0
 HOME_STEPS_MS = 2.4
 """80 steps a millimetre: 30 mm/s."""
 HOME_MS = 1000
-_COMMAND = re.compile(
-    r"(?:(?:XM|SM|LM|SP|S2|TP|HM)(?:,-?\d+){1,7}|SC,(?:4|5|8|9|10|11|12|13),\d+|EM,[0-5],[0-5])", re.ASCII
-)
+_COMMAND = re.compile(r"(?:(?:XM|SM|SP|S2|TP)(?:,-?\d+){1,7}|SC,(?:4|5|8|9|10|11|12|13),\d+|EM,[0-5],[0-5])", re.ASCII)
 _VERSION = re.compile(r"EBB.*Version (\d+)\.(\d+)\.(\d+)")
 
 
@@ -62,6 +60,7 @@ class EbbCodec:
     """The codec of an EiBotBoard (codec.py tells what its methods are for)."""
 
     name = "EBB"
+    kept = False  # EM counts from where the pen stands
 
     def __init__(self, phrases: Phrases) -> None:
         self.phrases = phrases
@@ -69,7 +68,7 @@ class EbbCodec:
         self.version = (2, 8, 0)
         self._clear()
         self.steps = [0, 0]
-        """Where the pen is from home, in steps of x and y."""
+        """Where motors 1 and 2 are from home."""
         self.zero = [0, 0]
         """Where the board counts from: EM begins anew."""
         self.sure = True
@@ -157,13 +156,11 @@ class EbbCodec:
     def _way_home(self) -> tuple[str, ...]:
         """Back to where the motors were switched on, in slices of a second."""
         commands = []
-        x, y = self.steps
-        count = int(max(abs(x), abs(y)) / HOME_STEPS_MS / HOME_MS) + 1
+        count = int(max(map(abs, self.steps)) / HOME_STEPS_MS / HOME_MS) + 1
         for k in range(count):
-            a, b = (-(value * (k + 1) // count - value * k // count) for value in (x, y))
-            if a or b:
-                ms = int((abs(a) + abs(b)) / HOME_STEPS_MS) + 10
-                commands.append(f"XM,{ms},{a},{b}")
+            one, two = (-(value * (k + 1) // count - value * k // count) for value in self.steps)
+            if one or two:
+                commands.append(f"SM,{int(max(abs(one), abs(two)) / HOME_STEPS_MS) + 10},{one},{two}")
         return tuple(commands)
 
     def emergency(self, link: Link) -> None:
@@ -285,14 +282,12 @@ class EbbCodec:
         return [Button()] if button else []
 
     def _counted(self, text: str) -> list[Event]:
-        """The steps of motors 1 and 2 at a fence: x + y and x - y."""
+        """The steps of motors 1 and 2 at a fence."""
         found = re.fullmatch(r"(-?\d+),(-?\d+)", text)
         if found is None:
             return []
         self.asked = None
-        x, y = self.steps
-        x, y = x - self.zero[0], y - self.zero[1]
-        if (int(found[1]), int(found[2])) != (x + y, x - y):
+        if [int(found[1]), int(found[2])] != [self.steps[0] - self.zero[0], self.steps[1] - self.zero[1]]:
             self.sure = False
             return [Fault("reset", "the board's count of steps is not that of the drawing: it has started anew")]
         return []
@@ -320,11 +315,13 @@ class EbbCodec:
 
 
 def _motion(command: str) -> tuple[float, tuple[int, int]]:
-    """Seconds that a command keeps the board busy, and its steps of x and y."""
+    """Seconds that a command keeps the board busy, and its steps of motors 1 and 2."""
     name, *given = command.split(",")
     values = [int(value) for value in given]
     if name == "XM":
-        return values[0] / 1000, (values[1], values[2])
+        return values[0] / 1000, (values[1] + values[2], values[1] - values[2])
+    if name == "SM":
+        return values[0] / 1000, (values[1], values[2] if len(values) > 2 else 0)
     if name in ("SP", "TP"):
         return (values[1] if len(values) > 1 else 0) / 1000 or SOON_S, (0, 0)
     if name == "S2":

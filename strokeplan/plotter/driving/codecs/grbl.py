@@ -96,7 +96,7 @@ class GrblCodec:
         self.dwelt = False
         self.longest_dwell_s = 0.0
         self.out = b""
-        self.locked = False
+        self.locked = self.kept = False
         self.link: Link | None = None
         self.polled = self.heard = self.answered = 0.0
         self.state = ""
@@ -114,9 +114,10 @@ class GrblCodec:
 
         found = link.hear(banner, BANNER_S)
         refuse_other(self.name, recognise(found or ""))
+        self.kept = found is None  # it did not start anew
         link.drain(0.2)
         link.forget()
-        link.say("#")  # whatever stands in the machine's line buffer is refused with it
+        link.say("#")  # what is left of an earlier line, if anything, is refused with it
         link.drain(0.2)
         version, options = self._identify(link)
         found = found or version
@@ -160,7 +161,7 @@ class GrblCodec:
                 self.locked = True
                 return
             if state.startswith(("Hold", "Door", "Check", "Sleep")):
-                self._reset(link)
+                self.kept = self.kept and not self._reset(link)
             link.drain(POLL_S, POLL_S)
         raise DriveError(f"the machine does not come to rest in {IDLE_S:g} s; switch it off and on")
 

@@ -30,6 +30,7 @@ MAX_LINE = 90
 PATIENCE_S = 6.0
 """Without any word, a line is sent again; `busy:` comes every two seconds."""
 TRIES = 5
+REMEMBERED = 16
 SETTLE_S = 0.15
 """An `ok` that belongs to a `Resend:` has come by then."""
 GREETINGS = 5
@@ -41,7 +42,7 @@ _WORDS = {
 _COMMAND = re.compile(r"([GM]\d+)((?: [XYZABCEIJPQSF]-?\d*(?:\.\d+)?)*)", re.ASCII)
 _RESEND = re.compile(r"(?:Resend|rs)\b[:\s]*N?(\d+)", re.IGNORECASE)
 _POSITION = re.compile(r"X:\s*-?\d+\.\d+ Y:\s*-?\d+\.\d+")
-_WIRE = ("checksum", "line number", "no line number")
+_WIRE = ("checksum", "line number", "expected line")
 
 
 def framed(number: int, command: str) -> bytes:
@@ -71,10 +72,14 @@ class MarlinCodec:
     def __init__(self, phrases: Phrases, profile: Profile) -> None:
         self.phrases, self.profile = phrases, profile
         self.link: Link | None = None
+        self.kept = False
         self.parser = False
         """M410 and M112 are heard at once."""
         self.waiting: deque[tuple[str, int | None]] = deque()
         self.line: _Line | None = None
+        self.sent: deque[_Line] = deque(maxlen=REMEMBERED)
+        self.rewinds = 0
+        """How often in a row lines were asked for that had an answer."""
         self.number = 1
         self.out = b""
         self.heard = 0.0
@@ -86,7 +91,9 @@ class MarlinCodec:
 
     def greet(self, link: Link) -> str:
         self.link = link
-        refuse_other(self.name, link.hear(lambda line: self.name if line == "start" else recognise(line), GREETING_S))
+        begun = link.hear(lambda line: self.name if line == "start" else recognise(line), GREETING_S)
+        refuse_other(self.name, begun)
+        self.kept = begun is None  # it did not start anew
         for _ in range(GREETINGS):
             link.drain(0.3)
             link.forget()
@@ -160,6 +167,8 @@ class MarlinCodec:
 
     def _clear(self) -> None:
         self.waiting.clear()
+        self.sent.clear()
+        self.rewinds = 0
         self.line, self.out, self.hold_until = None, b"", None
 
     # Streaming
@@ -183,9 +192,13 @@ class MarlinCodec:
         """Send the line that waits."""
         if self.line is None and self.waiting and self.hold_until is None:
             command, key = self.waiting.popleft()
-            self.line = _Line(self.number, command, key)
-            self.number += 1
-            self._send(now)
+            self._begin(command, key, now)
+
+    def _begin(self, command: str, key: int | None, now: float, repeats: int = 0) -> None:
+        self.line = _Line(self.number, command, key, repeats=repeats)
+        self.sent.append(self.line)
+        self.number += 1
+        self._send(now)
 
     def _send(self, now: float) -> None:
         if self.line is not None:
@@ -261,35 +274,47 @@ class MarlinCodec:
             return []
         if self.line.repeats >= TRIES:
             return [Fault("confused", "the machine does not say where it is")]
-        repeats, key = self.line.repeats + 1, self.line.key
-        self.line = _Line(self.number, "M114", key, repeats=repeats)
-        self.number += 1
-        self._send(now)
+        self._begin("M114", self.line.key, now, self.line.repeats + 1)
         return []
 
     def _shown(self, now: float) -> list[Event]:
         if self.line is None or self.line.key is None or self.line.shown:
             return []
-        self.line.shown = True
+        self.line.shown, self.rewinds = True, 0
         return [Fenced(self.line.key)]
 
     def _again(self, number: int, now: float) -> list[Event]:
         """`Resend: n`: n is the line that the machine wants next."""
         if self.line is None:
-            return [] if number == self.number else [self._lost(number)]
+            return [] if number == self.number else self._rewound(number, now)
         if number == self.line.number:
             self.line.resends += 1
             if self.line.resends > TRIES:
                 return [Fault("confused", f"the machine asks for the same line {TRIES} times: the cable is bad")]
         elif number == self.line.number + 1:
             if self.line.key is not None and not self.line.shown:
-                self.line = _Line(self.number, "M114", self.line.key, repeats=self.line.repeats + 1)
-                self.number += 1
+                repeats = self.line.repeats + 1
+                self.waiting.appendleft(("M114", self.line.key))
+                self.line = None
+                if repeats > TRIES:
+                    return [Fault("confused", "the machine does not say where it is")]
             else:
                 self.line = None
         else:
-            return [self._lost(number)]
+            return self._rewound(number, now)
         self.hold_until = now + SETTLE_S
+        return []
+
+    def _rewound(self, number: int, now: float) -> list[Event]:
+        """The machine wants lines from `number` on again: an `ok` was another's. The last ones are still known."""
+        known = [one for one in self.sent if one.number >= number]
+        if number == 1 or not known or known[0].number != number or self.rewinds >= TRIES:
+            return [self._lost(number)]
+        self.rewinds += 1
+        for one in reversed(known):
+            self.sent.remove(one)
+            self.waiting.appendleft((one.command, one.key))
+        self.line, self.number, self.hold_until = None, number, now + SETTLE_S
         return []
 
     def _lost(self, number: int) -> Fault:
