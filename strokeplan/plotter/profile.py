@@ -153,6 +153,7 @@ class PenSettings(_Table, frozen=True, kw_only=True):
     color: HexColor | None = None
     """Of its ink on white paper, for `--pens profile`."""
     width_mm: Annotated[float, Meta(ge=MIN_WIDTH_MM, le=MAX_WIDTH_MM)] | None = None
+    """How wide it draws: for `--pens profile`, and what `plan --profile` takes for a pen of that name."""
     draw_mm_min: Rate | None = None
     down_mm: Coordinate | None = None
     down_pwm: Annotated[float, Meta(ge=0, le=1e5)] | None = None
@@ -160,8 +161,6 @@ class PenSettings(_Table, frozen=True, kw_only=True):
     down_percent: Annotated[float, Meta(ge=0, le=100)] | None = None
     lower_s: Seconds | None = None
     raise_s: Seconds | None = None
-    width_mm: Annotated[float, Meta(ge=0.05, le=20)] | None = None
-    """How wide it draws: what `plan --profile` takes for a pen of that name."""
 
 
 class Change(_Table, frozen=True, kw_only=True):
