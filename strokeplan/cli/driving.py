@@ -162,7 +162,6 @@ def plot(
         work,
         begin,
         0,
-        "the paper is in place",
         home=home,
         yes=yes,
         trace=trace,
@@ -191,10 +190,8 @@ def resume(
         raise InputError(f"job {found.name} is finished; remove it: strokeplan jobs remove {found.name}")
     machine, chosen, work = _rebuilt(found)
     codec = codec_for(machine, work.phrases(int(chosen.pen[found.done % len(chosen)])))
-    pen = chosen.pens[chosen.pen[found.done % len(chosen)]].name
-    place = f"the same sheet lies where it lay, pen {pen!r} is in"
     _drive(
-        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done, place,
+        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done,
         home=home, yes=yes, trace=trace, quiet=quiet,
     )  # fmt: skip
 
@@ -264,7 +261,6 @@ def _drive(
     work: Script,
     begin: Any,
     first: int,
-    place: str,
     *,
     home: bool,
     yes: bool,
@@ -295,7 +291,7 @@ def _drive(
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
         known = codec.kept or home
         where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
-        if not operator.place(f"{place}; {where}{_believed(link, codec, work)}"):
+        if not operator.place(f"{_in_place(work, first)}; {where}{_believed(link, codec, work)}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
         log = journal(job, work)
@@ -306,6 +302,20 @@ def _drive(
         finally:
             log.close()
     _report(job, work, ending)
+
+
+def _in_place(work: Script, first: int) -> str:
+    """What must be in place before unit `first`, for the person who puts it there."""
+    copy, line = divmod(first, len(work.program))
+    sheet = (
+        "the same sheet lies where it lay"
+        if line
+        else "the next sheet is in place"
+        if copy
+        else "the paper is in place"
+    )
+    pens, pen = work.program.pens, work.program.pens[work.program.pen[line]]
+    return sheet if len(pens) == 1 or work.by_itself else f"{sheet}, pen {pen.name!r} (slot {pen.slot}) is in"
 
 
 def _met(link: Link, codec: Codec, *, home: bool) -> str:
