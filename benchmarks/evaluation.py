@@ -193,7 +193,8 @@ def main() -> None:
     directions = {name: variant(BASE, change) for name, change in DIRECTIONS.items()}
     studies = {base: {"": variant(base, {})} | variants(base) for base in ABLATION}
 
-    warm_up()
+    for style in styles.values():  # each has kernels of its own, and compiling them is not planning
+        strokeplan.plan(np.zeros((48, 48, 3), np.uint8), msgspec.convert(style["preset"], Preset))
     jobs = [(path, style) for style in (*styles.values(), *directions.values()) for path in everywhere]
     jobs += [(path, style) for study in studies.values() for style in study.values() for path in few]
     results = iter(measured(measure, jobs))

@@ -6,7 +6,8 @@ A drawing is painted by Pycairo at 300 dots an inch and compared with its photo 
 light, the photo cut to what the pen reaches (coverage 0.92). σ is given as an angle at 40 cm: σ_mm = 400 · tan(angle).
 At 1′ every line of a 0.3 mm pen is seen for itself and no drawing has tone; 5.3′ (0.62 mm, two widths of the pen) is
 where lines merge: half of the contrast of 2.1 cycles a degree is left. The first figure of a table is measured there.
-`--peers` is a folder of NAME.PROGRAM.svg of the photos NAME, drawn by other programs on the same sheet.
+`--peers` is a folder of NAME.PROGRAM.svg of the photos NAME, drawn by other programs on the same sheet (A4, a margin of
+15 mm): each is compared with a drawing of ours that has as much line.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ from scipy.ndimage import gaussian_filter
 
 import strokeplan
 from strokeplan.image import Photo, photo_files
-from strokeplan.ink import PAGE, length_mm
+from strokeplan.ink_budget import length_mm
 from strokeplan.rendering import paint
 from strokeplan.separation import lightness, luminance
+from strokeplan.sheet import PAGE, turned
 
 DOTS_A_MM = 300 / 25.4
 VIEWED_MM = 400.0
 ARC_MINUTES = (5.3, 3.0, 1.0)
 REACH = 0.92
+PEN_MM = 0.3
 BANDS = ((0, 50), (50, 70), (70, 101))
 
 
@@ -76,14 +79,18 @@ def figures(plan: strokeplan.StrokePlan, photo: Photo) -> dict[str, float]:
     return found | {"m": length_mm(plan) / 1000, "strokes": len(plan)}
 
 
-def peer(path: Path, sheet: strokeplan.StrokePlan) -> strokeplan.StrokePlan:
-    """Another program's drawing, in the pen and on the sheet of ours."""
-    plan = strokeplan.load(path)
-    scale = sheet.width / plan.width
+def peer(path: Path, photo: Photo) -> strokeplan.StrokePlan:
+    """Another program's drawing, with a pen and on a sheet as ours."""
+    plan, sheet = strokeplan.load(path), turned(PAGE, photo.width, photo.height)
+    scale = sheet.width_mm / plan.width
     black = np.zeros_like(plan.colors)
-    widths = np.full(len(plan), sheet.widths[0])
     return replace(
-        plan, width=sheet.width, height=plan.height * scale, points=plan.points * scale, widths=widths, colors=black
+        plan,
+        width=sheet.width_mm,
+        height=plan.height * scale,
+        points=plan.points * scale,
+        widths=np.full(len(plan), PEN_MM),
+        colors=black,
     )
 
 
@@ -96,10 +103,11 @@ def main() -> None:
     rows: dict[str, list[dict[str, float]]] = {}
     for path in photo_files(options.photos):
         photo, began = strokeplan.load_photo(path), process_time()
-        plan = strokeplan.plan(photo, options.preset)
-        report(rows, path.stem, options.preset, figures(plan, photo) | {"CPU s": process_time() - began})
+        if not options.peers:
+            plan = strokeplan.plan(photo, options.preset)
+            report(rows, path.stem, options.preset, figures(plan, photo) | {"CPU s": process_time() - began})
         for drawn in sorted(options.peers.glob(f"{path.stem}.*.svg")) if options.peers else ():
-            theirs = peer(drawn, plan)
+            theirs = peer(drawn, photo)
             name = drawn.suffixes[-2].removeprefix(".")
             report(rows, path.stem, name, figures(theirs, photo))
             same = strokeplan.plan(photo, options.preset, max_length_mm=length_mm(theirs))

@@ -1,5 +1,5 @@
 """python -m strokeplan."""
 
-from strokeplan.cli import main
+from strokeplan.cli import run
 
-main()
+run()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.curves import point, subdivisions
-from strokeplan.jit import leaf
+from strokeplan.jit import inlined, leaf
 
 FLATTEN_PX = 0.2
 """Chords of a footprint lie this close to their arc: well below the half pixel that decides a pixel."""
@@ -126,7 +126,7 @@ def footprint(
     return count
 
 
-@leaf
+@inlined
 def _unseen(spans: NDArray[np.int32], mark: int, i: int, first: int, last: int) -> tuple[int, int]:
     """Of the span first … last − 1 of row i, the ends (left, right) of what a stroke has not had: first … left − 1
     and right … last − 1. The row remembers the span, together with the one before if the two touch."""
@@ -138,14 +138,14 @@ def _unseen(spans: NDArray[np.int32], mark: int, i: int, first: int, last: int) 
     return max(min(low, last), first), min(max(high, first), last)
 
 
-@leaf
+@inlined
 def _edge_rows(rows: int, ay: float, by: float, radius: float) -> tuple[int, int]:
     """The rows (first, last + 1) of pixels whose centres lie within `radius` of the height of an edge."""
     top = max(int(np.ceil(min(ay, by) - radius - 0.5)), 0)
     return top, min(int(np.floor(max(ay, by) + radius - 0.5)) + 1, rows)
 
 
-@leaf
+@inlined
 def _edge_direction(ax: float, ay: float, bx: float, by: float) -> tuple[float, float, float]:
     """Unit vector and length of an edge; (0, 0) if it has none."""
     dx, dy = bx - ax, by - ay
@@ -155,7 +155,7 @@ def _edge_direction(ax: float, ay: float, bx: float, by: float) -> tuple[float, 
     return dx, dy, length
 
 
-@leaf
+@inlined
 def _edge_span(
     cols: int,
     i: int,

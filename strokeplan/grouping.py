@@ -47,7 +47,7 @@ def regroup(plan: StrokePlan, by: GroupBy) -> StrokePlan:
         Layer(name, end - len(strokes), end, medium, cap)  # type: ignore[arg-type]
         for ((name, medium, cap, _), strokes), end in zip(runs.items(), ends, strict=True)
     )
-    return replace(_reordered(plan, order), layers=layers)
+    return replace(reordered(plan, order), layers=layers)
 
 
 def _labels(plan: StrokePlan, by: GroupBy) -> list[str]:
@@ -56,22 +56,22 @@ def _labels(plan: StrokePlan, by: GroupBy) -> list[str]:
     return hex_colors(plan.colors)
 
 
-def _reordered(plan: StrokePlan, order: NDArray[np.int64]) -> StrokePlan:
-    """The plan with its strokes in another order, in one layer."""
+def reordered(plan: StrokePlan, order: NDArray[np.int64]) -> StrokePlan:
+    """The strokes `order` of a plan, in that order and in one layer; one may stand there more than once."""
     return replace(
         plan,
-        points=plan.points[_rows(plan.starts, order)],
+        points=plan.points[gathered(plan.starts, order)],
         starts=np.concatenate([[0], np.cumsum(plan.counts[order])]),
         widths=plan.widths[order],
         colors=plan.colors[order],
-        layers=(Layer("", 0, len(plan)),),
-        pressures=None if plan.pressures is None else plan.pressures[_rows(plan.first_knots, order)],
-        angles=None if plan.angles is None else plan.angles[_rows(plan.first_knots, order)],
+        layers=(Layer("", 0, len(order)),),
+        pressures=None if plan.pressures is None else plan.pressures[gathered(plan.first_knots, order)],
+        angles=None if plan.angles is None else plan.angles[gathered(plan.first_knots, order)],
         pens=None if plan.pens is None else tuple(plan.pens[i] for i in order.tolist()),
     )
 
 
-def _rows(starts: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np.int64]:
+def gathered(starts: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rows of strokes in an order: starts[i] … starts[i + 1] − 1 for each i of it."""
     counts = np.diff(starts)[order]
     ends = np.cumsum(counts)

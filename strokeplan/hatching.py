@@ -7,13 +7,16 @@ the picture has places that no line leads to, the darkest begin. A line ends whe
 where the tone asks for none, where the field bends more sharply than a hand would, or after one full turn, so
 that nothing curls.
 
-How near lines are is kept as a raster: for each pixel the distance of the nearest line in parts of the separation
-that this pixel asks for. A line may begin where that is at least START, and goes on while it is at least END.
+How near lines are is kept as a raster: for each pixel the squared distance of the nearest line in parts of the
+separation that this pixel asks for. A line may begin where that is at least START², and goes on while it is at least
+END².
 
 Coordinates are millimetres of the picture: x right, y down.
 """
 
 from __future__ import annotations
+
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +34,8 @@ SEED_STEPS = 3
 """Lines are tried beside every so many steps of a line."""
 MAX_TURN = np.pi
 """How far a line turns on either side of its seed: once round in all."""
+WIDE = 4
+"""Pixels a side of the patches for which the widest separation is known."""
 CELL_MM = 0.6
 """Side of the cells in which lines begin that no other line leads to."""
 
@@ -57,20 +62,26 @@ def hatch(
     bound = pixel_mm * pixel_mm * float((1.0 / separation[drawn]).sum()) / (END * STEP_MM)
     points = np.empty((int(4.0 * bound) + 10_000, 2))
     starts = np.empty(len(points) // 4 + 2, np.int64)
+    with np.errstate(divide="ignore"):
+        inverse = separation ** np.float32(-2)  # infinite where no line is asked for: nobody asks there
     count = _hatch(
-        directions, spacing_mm, separation, pixel_mm, _widest(separation, pixel_mm), _origins(separation, pixel_mm),
-        min_length_mm, max_length_mm, STEP_MM / min_radius_mm, np.full((rows, columns), 1e9, np.float32),
-        points, starts,
+        directions, spacing_mm, separation, inverse, pixel_mm, _widest(separation, pixel_mm),
+        _origins(separation, pixel_mm), min_length_mm, max_length_mm, STEP_MM / min_radius_mm,
+        np.full((rows, columns), 1e9, np.float32), points, starts,
     )  # fmt: skip
     return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
 
 
 def _widest(separation: NDArray[np.float32], pixel_mm: float) -> NDArray[np.float32]:
-    """For each pixel the largest separation that a line through it must tell of."""
+    """For each patch of WIDE × WIDE pixels the largest separation that a line through it must tell of."""
     from scipy.ndimage import maximum_filter
 
-    reach = int(separation.max() / pixel_mm) + 1
-    widest: NDArray[np.float32] = maximum_filter(separation, size=2 * reach + 1, mode="nearest")
+    rows, columns = separation.shape
+    padded = np.pad(separation, ((0, -rows % WIDE), (0, -columns % WIDE)))
+    across = reduce(np.maximum, (padded[k::WIDE] for k in range(WIDE)))
+    patches = reduce(np.maximum, (across[:, k::WIDE] for k in range(WIDE)))
+    reach = int(START * separation.max() / pixel_mm / WIDE) + 1
+    widest: NDArray[np.float32] = maximum_filter(patches, size=2 * reach + 1, mode="nearest")
     return widest
 
 
@@ -94,6 +105,7 @@ def _hatch(
     directions: NDArray[np.float32],
     spacing: float,
     separation: NDArray[np.float32],
+    inverse: NDArray[np.float32],
     pixel: float,
     widest: NDArray[np.float32],
     origins: NDArray[np.float64],
@@ -128,13 +140,13 @@ def _hatch(
                         own = 0.5 * (own + there)
                         x, y = points[k, 0] - side * own * ty / norm, points[k, 1] + side * own * tx / norm
                     count = _try_line(
-                        directions, spacing, separation, pixel, widest, x, y, min_length, half, max_bend,
+                        directions, spacing, separation, inverse, pixel, widest, x, y, min_length, half, max_bend,
                         clear, path, points, starts, count,
                     )  # fmt: skip
         elif origin < len(origins):
             count = _try_line(
-                directions, spacing, separation, pixel, widest, origins[origin, 0], origins[origin, 1], min_length,
-                half, max_bend, clear, path, points, starts, count,
+                directions, spacing, separation, inverse, pixel, widest, origins[origin, 0], origins[origin, 1],
+                min_length, half, max_bend, clear, path, points, starts, count,
             )  # fmt: skip
             origin += 1
         else:
@@ -155,6 +167,7 @@ def _try_line(
     directions: NDArray[np.float32],
     spacing: float,
     separation: NDArray[np.float32],
+    inverse: NDArray[np.float32],
     pixel: float,
     widest: NDArray[np.float32],
     x: float,
@@ -169,7 +182,7 @@ def _try_line(
     count: int,
 ) -> int:
     """Add the line through (x, y) if there is room for one that is long enough; return the number of lines."""
-    if _at(separation, pixel, x, y) <= 0.0 or _at(clear, pixel, x, y) < START:
+    if _at(separation, pixel, x, y) <= 0.0 or _at(clear, pixel, x, y) < START * START:
         return count
     first, last = half, half
     path[half, 0], path[half, 1] = x, y
@@ -181,7 +194,7 @@ def _try_line(
     for k in range(n):
         points[at + k, 0], points[at + k, 1] = path[first + k, 0], path[first + k, 1]
         if k % 2 == 0 or k == n - 1:  # twice a step is still far below the separation
-            _stamp(separation, pixel, widest, path[first + k, 0], path[first + k, 1], clear)
+            _stamp(inverse, pixel, widest, path[first + k, 0], path[first + k, 1], clear)
     starts[count + 1] = at + n
     return count + 1
 
@@ -214,7 +227,7 @@ def _follow(
             if abs(bend) > max_bend or abs(turned) > MAX_TURN:
                 return at
         x, y, ux, uy = x + STEP_MM * mx, y + STEP_MM * my, mx, my
-        if _at(separation, pixel, x, y) <= 0.0 or _at(clear, pixel, x, y) < END:
+        if _at(separation, pixel, x, y) <= 0.0 or _at(clear, pixel, x, y) < END * END:
             return at
         at += stride
         path[at, 0], path[at, 1] = x, y
@@ -223,22 +236,22 @@ def _follow(
 
 @leaf
 def _stamp(
-    separation: NDArray[np.float32],
+    inverse: NDArray[np.float32],
     pixel: float,
     widest: NDArray[np.float32],
     x: float,
     y: float,
     clear: NDArray[np.float32],
 ) -> None:
-    """Tell the pixels around (x, y) that a line passes there."""
-    reach = int(_at(widest, pixel, x, y) / pixel) + 1
+    """Tell the pixels around (x, y) that a line passes there, as far as one of them may ask."""
     j0, i0 = int(x / pixel), int(y / pixel)
+    reach = int(START * widest[i0 // WIDE, j0 // WIDE] / pixel) + 1
+    left, right = max(j0 - reach, 0), min(j0 + reach + 1, clear.shape[1])
+    scale, begin = np.float32(pixel), np.float32((left + 0.5) * pixel - x)
     for i in range(max(i0 - reach, 0), min(i0 + reach + 1, clear.shape[0])):
-        dy = (i + 0.5) * pixel - y
-        for j in range(max(j0 - reach, 0), min(j0 + reach + 1, clear.shape[1])):
-            own = separation[i, j]
-            if own > 0.0:
-                dx = (j + 0.5) * pixel - x
-                near = np.sqrt(dx * dx + dy * dy) / own
-                if near < clear[i, j]:
-                    clear[i, j] = near
+        dy = np.float32((i + 0.5) * pixel - y)
+        across = dy * dy
+        asked, told = inverse[i, left:right], clear[i, left:right]
+        for j in range(right - left):
+            dx = begin + np.float32(j) * scale
+            told[j] = min(told[j], (dx * dx + across) * asked[j])

@@ -1,12 +1,7 @@
 """From photo to pen drawing: strokes of true width on paper of true size, spaced by tone.
 
-What each pen should cover comes from the photo's colours (separation.py). Its lines follow the photo's structure,
-layer over layer of other directions as it gets darker, evenly spaced (hatching.py); what a layer has covered is
-measured, blurred as an eye blurs it, and corrects first its own spacing and then what the next layer has to add.
-Lights too pale for lines get dashes (dashes.py), and where lines leave gaps short strokes fill them (mending.py).
-
-A budget is met by asking for less ink: λ is taken from every demand, which for a given sum of ink leaves the least
-sum of squared differences, so the lightest tones are the first to stay paper; λ is found by bisection.
+What each pen should cover comes from the photo's colours (separation.py), what its lines follow from the photo's
+structure (field.py); each pen then draws its lines (inking.py), as many as a budget allows for (ink_budget.py).
 
 The plan's unit is the millimetre: its canvas is the page.
 
@@ -15,9 +10,12 @@ Known limit: pens do not know of each other's lines beyond the average that the 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from math import pi, sqrt
+from math import pi
+from threading import Lock
 from typing import NamedTuple
 
 import msgspec
@@ -25,97 +23,117 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from strokeplan import dashes, hatching, mending
-from strokeplan.coverage import cover
-from strokeplan.dashes import dash
+from strokeplan import inking
 from strokeplan.errors import InputError
 from strokeplan.field import OrientationField, orientation_field
-from strokeplan.hatching import hatch
 from strokeplan.image import Photo, grey
-from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
-from strokeplan.linework import NO_LINES, Lines, chains, joined
-from strokeplan.mending import mend
-from strokeplan.page import Page, Placement
-from strokeplan.pens import Pen, PenSet, load_pens
+from strokeplan.ink_budget import Budget, own_budgets, within
+from strokeplan.ink_presets import BUDGETS, InkPreset, InkRecipe, find_ink
+from strokeplan.inking import Job, lines_of
+from strokeplan.linework import Lines, chains, joined
+from strokeplan.page import Page
+from strokeplan.pens import PenSet, load_pens
 from strokeplan.separation import separate
+from strokeplan.sheet import PAGE, Raster, Sheet, rotated, sheet_of, turned
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.version import __version__
 
-PAGE = Page(210.0, 297.0, 15.0)
-"""Without a page: A4, turned as the photo is."""
-PIXELS_A_PEN = 3.0
-"""Coverage is measured on pixels so many times finer than the finest pen …"""
-MAX_PIXELS = 16e6
-"""… or of such a number of pixels."""
-COARSE = 3
-"""Blurred things are worked on with blocks of so many pixels."""
 FIELD_MM = 0.25
 """Side of the pixels on which the direction is measured."""
-SHARP = 0.5
-"""σ of the blur of what a pen should cover, in its widths: lines show nothing finer."""
-EYE_WIDTHS, FEEDBACK_WIDTHS, MEND_WIDTHS = 1.7, 2.7, 1.5
-"""σ of the blur, in widths of the pen, of what is covered so far; of the correction of the spacing; of mending."""
-MEND_LIGHT = 1.07
-"""Mending aims at so many times the light: it can add ink and take none away, and would leave a drawing too dark."""
-ROUNDS = 3
-"""How often a layer is drawn to find its spacing."""
-CORRECTION = (1.0, 0.6)
-"""Power of the measured excess that goes into the spacing after the first round, and after later ones."""
 PEN_TURN = pi / 6
 """Pens after the first are turned by this against each other, so that their lines do not beat."""
 TOLERANCE_MM = 0.04
 """Curves stray no further from the lines that were measured."""
 DECIMALS = 3
 """Coordinates are multiples of a micrometre, as files have them."""
-MOST_OF_A_LAYER = 0.95
 WOBBLE_MM = 2.5
 """σ of the noise by which a hand strays."""
-SEARCHES = 9
-"""Drawings made to find the one for a budget."""
-NEAR_ENOUGH = 0.985
-"""A drawing that uses this part of a budget is the one."""
-
-Budget = tuple[Callable[[StrokePlan], float], float]
-"""What a plan costs, and the most that it may."""
-Raster = NDArray[np.float32]
 
 
-class _Sheet(NamedTuple):
-    """The picture on its page: everything in millimetres from its upper left corner."""
+class Progress(NamedTuple):
+    """How far the work is: a budget takes several drawings, each of `total` steps."""
 
-    placement: Placement
-    width_mm: float
-    height_mm: float
-    pixel_mm: float
+    drawing: int
+    done: int
+    total: int
 
 
-def draw(photo: Photo, recipe: InkRecipe, *, budgets: Sequence[Budget] = ()) -> StrokePlan:
+def draw(
+    photo: Photo,
+    recipe: InkRecipe,
+    *,
+    page: Page = PAGE,
+    budgets: Sequence[Budget] = (),
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> StrokePlan:
     """The pen drawing of a photo, in millimetres of its page.
 
-    Beside the recipe's own (strokes, length) `budgets` may hold others, each a cost of a plan and its limit.
+    page      where the recipe has none, this, turned as the photo is.
+    budgets   beside the recipe's own (strokes, length): each a cost of a plan and its limit.
+    threads   for the pens of a set; the drawing is the same.
+    progress  is called after every step of the work.
+
     Raises InputError.
     """
+    if recipe.seed < 0:
+        raise InputError(f"seed {recipe.seed} is negative; give 0 or more")
+    if threads is not None and threads < 1:
+        raise InputError(f"threads {threads} is below 1")
+    limits = [*budgets, *own_budgets(recipe)]
     pens = load_pens(recipe.preset.pens) if recipe.pens is None else recipe.pens
-    page = recipe.page or _turned(PAGE, photo)
-    recipe = recipe._replace(pens=pens, page=page)
-    sheet = _sheet(photo, page, min(pen.width_mm for pen in pens.pens))
+    page = recipe.page or turned(page, photo.width, photo.height)
+    sheet = sheet_of(photo.width, photo.height, page, min(pen.width_mm for pen in pens.pens))
     demands = _demands(photo, recipe.preset, pens, sheet)
-    directions = _directions(photo, recipe, sheet)
-    limits = [*budgets, *_own_budgets(recipe)]
+    field = _directions(photo, recipe, sheet)
+    jobs = [
+        Job(rotated(field.samples, k * PEN_TURN), field.scale, recipe.preset, recipe.seed, pen, sheet)
+        for k, pen in enumerate(pens.pens)
+    ]
+    told = _Told(progress, len(jobs) * inking.steps(recipe.preset))
 
     def with_less(less: float) -> StrokePlan:
-        drawn = [
-            _drawn(np.maximum(demand - np.float32(less), 0), directions, recipe, pen, number, sheet)
-            for number, (demand, pen) in enumerate(zip(demands, pens.pens, strict=True))
-        ]
+        told.begin()
+        parts = [np.maximum(demand - np.float32(less), 0) for demand in demands]
+        drawn = _at_once(lambda pen: lines_of(parts[pen], jobs[pen], told.step), len(jobs), threads)
         return _assemble(drawn, photo, recipe, pens, page, sheet)
 
-    return _within(with_less, limits)
+    return within(with_less, demands, limits)
+
+
+class _Told:
+    """Counts the steps of a drawing, whichever thread takes them, and tells of them."""
+
+    def __init__(self, progress: Callable[[Progress], None] | None, total: int) -> None:
+        self._progress, self._lock = progress, Lock()
+        self._at = Progress(0, 0, total)
+
+    def begin(self) -> None:
+        """Another drawing begins."""
+        self._tell(Progress(self._at.drawing + 1, 0, self._at.total))
+
+    def step(self) -> None:
+        with self._lock:
+            self._tell(self._at._replace(done=self._at.done + 1))
+
+    def _tell(self, at: Progress) -> None:
+        self._at = at
+        if self._progress is not None:
+            self._progress(at)
+
+
+def _at_once(work: Callable[[int], Lines], count: int, threads: int | None) -> list[Lines]:
+    """`work` of 0 … count − 1, in so many threads. Nobody waits for them if this one is interrupted."""
+    pool = ThreadPoolExecutor(threads or os.cpu_count())
+    try:
+        return list(pool.map(work, range(count)))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def compiled() -> bool:
     """Whether the kernels are in Numba's cache; if not, the first drawing compiles them."""
-    return hatching.compiled() and dashes.compiled() and mending.compiled()
+    return inking.compiled()
 
 
 def warm_up() -> None:
@@ -127,82 +145,14 @@ def warm_up() -> None:
     draw(Photo(picture), recipe._replace(page=Page(30.0, 30.0, 2.0)))
 
 
-def length_mm(plan: StrokePlan) -> float:
-    """Length of all strokes in the unit of the plan: how far a pen draws."""
-    from strokeplan.curves import flatten_all
-
-    vertices, starts = flatten_all(plan.points, plan.starts, 0.01)
-    steps = np.hypot(*np.diff(vertices, axis=0).T)
-    inner = np.ones(len(steps), np.bool_)
-    inner[starts[1:-1] - 1] = False
-    return float(steps[inner].sum())
-
-
-def _own_budgets(recipe: InkRecipe) -> list[Budget]:
-    """What a recipe allows for. Raises InputError."""
-    found: list[Budget] = []
-    if recipe.strokes is not None:
-        if recipe.strokes < 1:
-            raise InputError(f"strokes {recipe.strokes} is below 1")
-        found.append((len, recipe.strokes))
-    if recipe.max_length_mm is not None:
-        if not recipe.max_length_mm > 0:
-            raise InputError(f"length {recipe.max_length_mm:g} mm is none; give more than 0")
-        found.append((length_mm, recipe.max_length_mm))
-    return found
-
-
-def _within(drawing: Callable[[float], StrokePlan], budgets: Sequence[Budget]) -> StrokePlan:
-    """The drawing of the most ink that all budgets allow for; an empty one allows for all. Raises InputError."""
-    best = drawing(0.0)
-    low, high = 0.0, 1.0
-    share = _share(best, budgets)
-    if share <= 1:
-        return best
-    fits: StrokePlan | None = None
-    guess = 1 - sqrt(1 / share)
-    for _ in range(SEARCHES):
-        plan = drawing(guess)
-        share = _share(plan, budgets)
-        if share <= 1:
-            fits, high = plan, guess
-            if share >= NEAR_ENOUGH:
-                break
-        else:
-            low = guess
-        guess = 0.5 * (low + high)
-    return drawing(1.0) if fits is None else fits
-
-
-def _share(plan: StrokePlan, budgets: Sequence[Budget]) -> float:
-    """How much of the tightest budget a plan takes."""
-    return max((cost(plan) / limit for cost, limit in budgets), default=0.0)
-
-
-def _turned(page: Page, photo: Photo) -> Page:
-    """A page with its longer side along that of the photo."""
-    short, long = sorted((page.width_mm, page.height_mm))
-    return Page(*((long, short) if photo.width > photo.height else (short, long)), page.margin_mm)
-
-
-def _sheet(photo: Photo, page: Page, finest_mm: float) -> _Sheet:
-    place = page.fit(photo.width, photo.height)
-    width, height = photo.width * place.scale, photo.height * place.scale
-    pixel = max(finest_mm / PIXELS_A_PEN, sqrt(width * height / MAX_PIXELS))
-    if min(width, height) < 2 * COARSE * pixel:
-        raise InputError(f"a picture of {width:.3g} × {height:.3g} mm is too small for a pen of {finest_mm:g} mm")
-    return _Sheet(place, width, height, pixel)
-
-
-def _demands(photo: Photo, preset: InkPreset, pens: PenSet, sheet: _Sheet) -> list[Raster]:
+def _demands(photo: Photo, preset: InkPreset, pens: PenSet, sheet: Sheet) -> list[Raster]:
     """What each pen should cover of each pixel of the sheet."""
-    size = round(sheet.width_mm / sheet.pixel_mm), round(sheet.height_mm / sheet.pixel_mm)
-    rgb = np.asarray(Image.fromarray(photo.rgb).resize(size, Image.Resampling.BICUBIC, reducing_gap=3.0))
+    rgb = np.asarray(Image.fromarray(photo.rgb).resize(sheet.pixels, Image.Resampling.BICUBIC, reducing_gap=3.0))
     demands = separate(rgb, pens, max(layer.reach for layer in preset.layers))
     return [np.where(demand < preset.bare, 0, demand * np.float32(preset.strength)) for demand in demands]
 
 
-def _directions(photo: Photo, recipe: InkRecipe, sheet: _Sheet) -> OrientationField:
+def _directions(photo: Photo, recipe: InkRecipe, sheet: Sheet) -> OrientationField:
     """What lines follow; its scale is in millimetres."""
     preset = recipe.preset
     size = max(round(sheet.width_mm / FIELD_MM), 8), max(round(sheet.height_mm / FIELD_MM), 8)
@@ -219,9 +169,7 @@ def _directions(photo: Photo, recipe: InkRecipe, sheet: _Sheet) -> OrientationFi
         samples = np.zeros_like(samples)
         samples[..., 0] = 1
     if preset.wobble > 0:
-        samples = _rotated(
-            samples, _wobble(samples.shape[:2], preset.wobble, WOBBLE_MM / (field.scale * pixel), recipe)
-        )
+        samples = rotated(samples, _wobble(samples.shape[:2], preset.wobble, WOBBLE_MM / (field.scale * pixel), recipe))
     return OrientationField(samples, field.scale * pixel, size[0], size[1])
 
 
@@ -235,128 +183,8 @@ def _wobble(shape: tuple[int, ...], degrees: float, sigma: float, recipe: InkRec
     return angles
 
 
-def _rotated(samples: Raster, angle: float | Raster) -> Raster:
-    """The unit vectors of a field turned."""
-    cos, sin = np.float32(1) * np.cos(angle), np.float32(1) * np.sin(angle)
-    turned = samples.copy()
-    turned[..., 0] = cos * samples[..., 0] - sin * samples[..., 1]
-    turned[..., 1] = sin * samples[..., 0] + cos * samples[..., 1]
-    return turned
-
-
-def _drawn(
-    demand: Raster, directions: OrientationField, recipe: InkRecipe, pen: Pen, number: int, sheet: _Sheet
-) -> Lines:
-    """All lines of one pen."""
-    preset, width, pixel = recipe.preset, pen.width_mm, sheet.pixel_mm
-    samples, spacing = _rotated(directions.samples, number * PEN_TURN), directions.scale
-    sharp = _blurred(demand, SHARP * width / pixel)
-    covered = np.zeros_like(demand)
-    parts: list[Lines] = []
-    before = 0.0
-    for layer in preset.layers:
-        lines = _layer(
-            sharp, covered, _rotated(samples, np.radians(layer.angle)), spacing, before, layer.reach, preset, pen, sheet
-        )
-        cover(lines, width, pixel, covered)
-        parts.append(lines)
-        before = layer.reach
-    seen = _seen(covered, EYE_WIDTHS * width / pixel)
-    lacking = np.where(sharp < preset.lines_from, np.clip((sharp - seen) / (1 - seen), 0, 1), 0)
-    dashes = dash(
-        samples, spacing, _blocks(lacking), COARSE * pixel, (sheet.width_mm, sheet.height_mm), width,
-        shortest_mm=preset.dash_mm[0], longest_mm=preset.dash_mm[1], full=preset.lines_from, seed=recipe.seed,
-    )  # fmt: skip
-    cover(dashes, width, pixel, covered)
-    return joined([*parts, dashes, *_mended(demand, covered, samples, spacing, recipe, pen, sheet)])
-
-
-def _layer(
-    sharp: Raster,
-    covered: Raster,
-    samples: Raster,
-    spacing: float,
-    before: float,
-    reach: float,
-    preset: InkPreset,
-    pen: Pen,
-    sheet: _Sheet,
-) -> Lines:
-    """Lines of one direction that bring what is covered up to the demand, or to the layer's reach."""
-    width, pixel = pen.width_mm, sheet.pixel_mm
-    seen = _seen(covered, EYE_WIDTHS * width / pixel)
-    aim = np.minimum(sharp, reach)
-    wanted = np.clip((aim - seen) / (1 - seen), 0, MOST_OF_A_LAYER)
-    here = (wanted > preset.lines_from) & (sharp > before)
-    asked = _seen(np.where(here, aim - seen, 0), FEEDBACK_WIDTHS * width / pixel)
-    separation = np.where(here, width / np.maximum(wanted, 0.01), 0).astype(np.float32)
-    lines = NO_LINES
-    for attempt in range(ROUNDS):
-        lines = hatch(
-            samples, spacing, separation, pixel,
-            min_length_mm=preset.min_length_mm, max_length_mm=preset.max_length_mm, min_radius_mm=preset.min_radius_mm,
-        )  # fmt: skip
-        if attempt == ROUNDS - 1 or not here.any():
-            break
-        after = covered.copy()
-        cover(lines, width, pixel, after)
-        got = _seen(np.where(here, after - covered, 0), FEEDBACK_WIDTHS * width / pixel)
-        excess = np.clip(got / np.maximum(asked, 1e-3), 0.7, 1.4)
-        separation *= excess ** np.float32(CORRECTION[min(attempt, 1)])
-    return lines
-
-
-def _mended(
-    demand: Raster, covered: Raster, samples: Raster, spacing: float, recipe: InkRecipe, pen: Pen, sheet: _Sheet
-) -> list[Lines]:
-    """Strokes that fill what is left too light."""
-    if not recipe.preset.mend_mm:
-        return []
-    sigma = MEND_WIDTHS * pen.width_mm
-    blur = sigma / (sheet.pixel_mm * COARSE)
-    ink, wanted = _blocks(covered), _blocks(demand)
-    return [
-        mend(
-            samples,
-            spacing,
-            _blurred(1 - ink, blur),
-            _blurred(1 - wanted, blur) * np.float32(MEND_LIGHT),
-            ink,
-            COARSE * sheet.pixel_mm,
-            (sheet.width_mm, sheet.height_mm),
-            pen.width_mm,
-            sigma_mm=sigma,
-            lengths_mm=recipe.preset.mend_mm,
-            seed=recipe.seed,
-        )
-    ]
-
-
-def _blurred(image: Raster, sigma: float) -> Raster:
-    from scipy.ndimage import gaussian_filter
-
-    blurred: Raster = gaussian_filter(image, sigma, mode="nearest")
-    return blurred
-
-
-def _blocks(image: Raster) -> Raster:
-    """Means of COARSE × COARSE pixels; what is left over at the right and bottom is repeated."""
-    rows, columns = image.shape
-    padded = np.pad(image, ((0, -rows % COARSE), (0, -columns % COARSE)), mode="edge")
-    means: Raster = padded.reshape(padded.shape[0] // COARSE, COARSE, -1, COARSE).mean(axis=(1, 3), dtype=np.float32)
-    return means
-
-
-def _seen(image: Raster, sigma: float) -> Raster:
-    """A blur of `sigma` pixels, worked out on blocks, at full size."""
-    rows, columns = image.shape
-    small = Image.fromarray(_blurred(_blocks(image), sigma / COARSE))
-    box = (0.0, 0.0, columns / COARSE, rows / COARSE)
-    return np.array(small.resize((columns, rows), Image.Resampling.BILINEAR, box))
-
-
 def _assemble(
-    drawn: list[Lines], photo: Photo, recipe: InkRecipe, pens: PenSet, page: Page, sheet: _Sheet
+    drawn: list[Lines], photo: Photo, recipe: InkRecipe, pens: PenSet, page: Page, sheet: Sheet
 ) -> StrokePlan:
     """The plan, one layer a pen."""
     counts = [len(lines.starts) - 1 for lines in drawn]
@@ -370,7 +198,7 @@ def _assemble(
         "page": asdict(page),
         "page_mm": [page.width_mm, page.height_mm],
     }
-    budgets = {"strokes": recipe.strokes, "max_length_mm": recipe.max_length_mm}
+    budgets = {key: getattr(recipe, key) for key in BUDGETS}
     return StrokePlan(
         width=page.width_mm,
         height=page.height_mm,

@@ -21,6 +21,10 @@ Millimetres = Annotated[float, Meta(ge=0.05, le=1000)]
 Part = Annotated[float, Meta(ge=0, le=1)]
 
 
+BUDGETS = ("strokes", "max_length_mm", "max_time_s", "profile")
+"""What of a recipe limits a drawing, by the names under which a plan's settings hold it."""
+
+
 class InkLayer(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Lines of one direction, over those of the layers before."""
 
@@ -60,7 +64,7 @@ class InkPreset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     dash_mm: Annotated[tuple[Millimetres, ...], Meta(min_length=2, max_length=2)] = (0.3, 2.0)
     """Length of dashes, in the lightest tones and where lines begin."""
     mend_mm: Annotated[tuple[Millimetres, ...], Meta(max_length=8)] = (3.0, 1.5, 0.6)
-    """Lengths of strokes that fill what lines leave too light; none: left as it is."""
+    """Lengths of strokes that fill what lines leave too light; none: nothing is added."""
     strength: Annotated[float, Meta(gt=0, le=1)] = 1.0
     """Part of the ink that the photo's tone asks for."""
     bare: Annotated[float, Meta(ge=0, le=0.9)] = 0.0
@@ -76,15 +80,20 @@ class InkRecipe(NamedTuple):
     page: Page | None = None
     strokes: int | None = None
     max_length_mm: float | None = None
+    max_time_s: float | None = None
+    profile: str | None = None
+    """Of the machine that the time is of: a name, or a .toml file."""
 
     def changed(
         self,
         *,
-        seed: int | None,
-        strokes: int | None,
-        page: Page | None,
-        pens: str | PathLike[str] | PenSet | None,
-        max_length_mm: float | None,
+        seed: int | None = None,
+        strokes: int | None = None,
+        page: Page | None = None,
+        pens: str | PathLike[str] | PenSet | None = None,
+        max_length_mm: float | None = None,
+        max_time_s: float | None = None,
+        profile: str | PathLike[str] | None = None,
     ) -> InkRecipe:
         """This recipe with what is given in place of its own. Raises InputError."""
         return self._replace(
@@ -93,6 +102,8 @@ class InkRecipe(NamedTuple):
             page=page or self.page,
             pens=self.pens if pens is None else load_pens(pens),
             max_length_mm=self.max_length_mm if max_length_mm is None else max_length_mm,
+            max_time_s=self.max_time_s if max_time_s is None else max_time_s,
+            profile=self.profile if profile is None else str(profile),
         )
 
 
@@ -160,6 +171,8 @@ class _Recorded(Struct):
     seed: Annotated[int, Meta(ge=0)] = 0
     strokes: int | None = None
     max_length_mm: float | None = None
+    max_time_s: float | None = None
+    profile: str | None = None
 
 
 def _recorded(path: Path) -> InkRecipe | None:
@@ -172,4 +185,5 @@ def _recorded(path: Path) -> InkRecipe | None:
         found = msgspec.convert(settings, _Recorded)
     except msgspec.ValidationError as error:
         raise PresetError(f"preset {path}: its settings are damaged ({error})") from None
-    return InkRecipe(found.ink, found.seed, found.pens, found.page, found.strokes, found.max_length_mm)
+    budgets = {key: getattr(found, key) for key in BUDGETS}
+    return InkRecipe(found.ink, found.seed, found.pens, found.page, **budgets)

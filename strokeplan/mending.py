@@ -1,140 +1,496 @@
-"""Short strokes where lines have left a drawing too light, each accepted for what it improves.
+"""Strokes are added, shortened, lengthened, moved and taken away where that brings a drawing nearer to its photo.
 
-The drawing and its photo are compared as an eye sees them, both blurred in linear light, in lightness L*. A stroke
-is tried along the field in the gap between lines, and is kept if the sum of squared differences around it falls.
-Its blurred ink is the sum of Gaussians along it, of what is still bare paper there.
+Drawing and photo are compared as an eye sees them, both blurred in linear light, in lightness L*. A change of a
+stroke is tried, and stays if the sum of squared differences around it falls: halftones are searched for dot by dot in
+the same way (direct binary search: Analoui and Allebach 1992). What a change does to the light is exact under one
+model: a pixel is dark if its centre lies under a stroke, however many lie there, so that a stroke that is taken away
+uncovers only what no other covers.
+
+Lines (as hatch draws them) only get shorter or longer at their ends, and stay as long as their style asks for. Strokes
+up to SHORT_MM may also move by half a width of the pen, or go. New ones come along the field in gaps, and only
+where they gain as much as a stroke should.
 
 Coordinates are millimetres of the picture: x right, y down.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.dashes import follow
 from strokeplan.hatching import STEP_MM
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.linework import Lines
+from strokeplan.sheet import COARSE
+from strokeplan.tractography import sample
 
 LEAST_LIGHTER = 1.5
 """L* by which a place must be lighter than its photo before a stroke is tried."""
-MOST_COVERED = 0.4
+MOST_COVERED = 0.6
 """A stroke that lies on more ink than this, on average, is in no gap."""
 MARGIN = 0.02
-"""Part of the squared difference around it that a stroke must take away."""
+"""Part of the squared difference around it that a new stroke must take away."""
+WORTH = 1e-3
+"""… and a change of one that is there."""
+SHORT_MM = 2.2
+"""Strokes up to this length may move, and be taken away."""
+LEAST_STEPS = 2
+"""A stroke has so many steps at least."""
+GROWN = 1.5
+"""A short stroke becomes at most so many times as long as it was."""
+END_STEPS = 3
+"""Ends are moved by so many steps, again and again."""
+SPARE = 12
+"""Steps by which either end of a stroke may grow in all."""
+STRAIGHT = 0.9
+"""Cosine of the bend that a stroke may have where it grows."""
+ROUNDS = 2
+"""How often all strokes are looked at once new ones have come."""
+TRUNCATE = 2.8
+"""The blur ends after so many standard deviations."""
+LEVELS = 4096
+
+
+class _Sight(NamedTuple):
+    """What the eye sees of the drawing, and what a change of it would change; blocks are COARSE × COARSE pixels."""
+
+    layers: NDArray[np.uint16]
+    """How many steps of strokes lie on each pixel."""
+    light: NDArray[np.float32]
+    """Blurred light of each block."""
+    target: NDArray[np.float32]
+    """L* that it should have."""
+    blur: NDArray[np.float32]
+    """What the light around a block gains if one of its pixels becomes bare."""
+    lightness: NDArray[np.float32]
+    """L* of LEVELS + 2 values of light in 0 … 1."""
+    bared: NDArray[np.int32]
+    """Pixels of each block that the change in question makes bare."""
+    gained: NDArray[np.float32]
+    """Scratch: the light that it adds to each block."""
+    box: NDArray[np.int64]
+    """Blocks that it touches: first and last row, first and last column."""
+    radius: float
+    """Half the width of the pen, in pixels."""
+
+
+class _Strokes(NamedTuple):
+    """Strokes with room to grow: stroke s has the points first[s] … last[s]."""
+
+    points: NDArray[np.float64]
+    """In pixels."""
+    slots: NDArray[np.int64]
+    """Where the room for each begins."""
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    least: NDArray[np.int64]
+    """Steps that each has at least …"""
+    most: NDArray[np.int64]
+    """… and at most."""
+
+
+class _Ground(NamedTuple):
+    """What new strokes and ends follow, in pixels."""
+
+    directions: NDArray[np.float32]
+    spacing: float
+    right: float
+    bottom: float
+    step: float
 
 
 def mend(
+    lines: Lines,
     directions: NDArray[np.float32],
     spacing_mm: float,
-    light: NDArray[np.float32],
     target: NDArray[np.float32],
-    coverage: NDArray[np.float32],
+    shape: tuple[int, int],
     pixel_mm: float,
     size_mm: tuple[float, float],
     width_mm: float,
     *,
     sigma_mm: float,
     lengths_mm: tuple[float, ...],
+    least_mm: float,
     seed: int,
 ) -> Lines:
-    """Strokes that bring a drawing nearer to its photo.
+    """The lines of a drawing, and more, nearer to its photo.
 
-    `light` and `target` (rows, columns) are the linear light of drawing and photo, blurred by `sigma_mm`, and
-    `coverage` the ink at each pixel of `pixel_mm` as it is; strokes are tried in order of `lengths_mm`.
-    `directions` are as `hatch` has them; `size_mm` is that of the picture, which no stroke leaves.
+    `target` (rows, columns) is the light that each block of COARSE × COARSE pixels should have, not blurred; `shape`
+    is that of the pixels. The eye blurs by `sigma_mm`. New strokes are tried in order of `lengths_mm`; lines longer
+    than SHORT_MM stay at least `least_mm` long. `directions` are as `hatch` has them, `size_mm` is that of the picture,
+    which no stroke leaves.
     """
-    order = np.random.default_rng(seed).permutation(light.size)
-    steps = np.array([max(round(0.5 * length / STEP_MM), 1) for length in lengths_mm])
-    points = np.empty((light.size * 2 + 100, 2))
-    starts = np.zeros(light.size + 1, np.int64)
-    count = _mend(
-        directions, spacing_mm, light.copy(), target, coverage, pixel_mm, *size_mm, width_mm, sigma_mm, order, steps,
-        np.zeros_like(light), points, starts,
-    )  # fmt: skip
-    return Lines(points[: starts[count]].copy(), starts[: count + 1].copy())
+    rows, columns = (-(-side // COARSE) * COARSE for side in shape)
+    sight = _sight(target, (rows, columns), 0.5 * width_mm / pixel_mm, sigma_mm / (pixel_mm * COARSE))
+    tries = np.array([max(round(0.5 * length / STEP_MM), 1) for length in lengths_mm], np.int64)
+    room = target.size // 8 + 1000
+    strokes, count = _with_room(lines, pixel_mm, least_mm, room, int(2 * tries.max(initial=1)) + 1 + 2 * SPARE)
+    ground = _Ground(
+        directions, spacing_mm / pixel_mm, size_mm[0] / pixel_mm, size_mm[1] / pixel_mm, STEP_MM / pixel_mm
+    )
+    _lay(sight, strokes, count)
+    blurred = _blurred(sight, sigma_mm / (pixel_mm * COARSE))
+    sight.light[:] = blurred
+    order = np.random.default_rng(seed)
+    _retouch(sight, strokes, ground, order.permutation(count))
+    total = _add(sight, strokes, ground, order.permutation(target.size), tries, count)
+    for _ in range(ROUNDS):
+        _retouch(sight, strokes, ground, order.permutation(total))
+    return _left(strokes, total, pixel_mm)
 
 
 def compiled() -> bool:
-    """Whether the kernel is in Numba's cache."""
-    return is_cached(_mend)
+    """Whether the kernels are in Numba's cache."""
+    return is_cached(_retouch) and is_cached(_add)
+
+
+def _sight(target: NDArray[np.float32], shape: tuple[int, int], radius: float, sigma: float) -> _Sight:
+    reach = int(TRUNCATE * sigma) + 1
+    bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    bell /= bell.sum()
+    levels = np.arange(LEVELS + 2) / LEVELS
+    table = np.where(levels > 216 / 24389, 116 * np.cbrt(levels) - 16, levels * 24389 / 27).astype(np.float32)
+    blank = np.zeros_like(target)
+    wanted = _bare_outside(target, sigma)
+    return _Sight(
+        layers=np.zeros(shape, np.uint16),
+        light=np.zeros_like(target),
+        target=np.interp(wanted, levels, table).astype(np.float32),
+        blur=(np.outer(bell, bell) / COARSE**2).astype(np.float32),
+        lightness=table,
+        bared=np.zeros(target.shape, np.int32),
+        gained=blank,
+        box=np.array([0, -1, 0, -1]),
+        radius=radius,
+    )
+
+
+def _bare_outside(light: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """Blurred light of blocks; beyond the picture is bare paper."""
+    from scipy.ndimage import gaussian_filter
+
+    reach = int(TRUNCATE * sigma) + 1
+    blurred: NDArray[np.float32] = gaussian_filter(light, sigma, mode="constant", cval=1.0, radius=reach)
+    return blurred
+
+
+def _blurred(sight: _Sight, sigma: float) -> NDArray[np.float32]:
+    rows, columns = sight.light.shape
+    bare = (sight.layers == 0).reshape(rows, COARSE, columns, COARSE).mean(axis=(1, 3), dtype=np.float32)
+    return _bare_outside(bare, sigma)
+
+
+def _with_room(lines: Lines, pixel: float, least_mm: float, more: int, slot: int) -> tuple[_Strokes, int]:
+    """The lines of a drawing with SPARE places before and after each, and `more` slots for new strokes."""
+    counts = np.diff(lines.starts)
+    n = len(counts)
+    sizes = np.concatenate([counts + 2 * SPARE, np.full(more, slot)])
+    slots = np.concatenate([[0], np.cumsum(sizes)])
+    points = np.zeros((slots[-1], 2))
+    own = np.arange(len(lines.points)) - np.repeat(lines.starts[:-1], counts)
+    points[np.repeat(slots[:n] + SPARE, counts) + own] = lines.points / pixel
+    first = slots[:-1] + SPARE
+    last = first - 1
+    last[:n] += counts
+    steps = np.concatenate([counts - 1, np.full(more, slot - 2 * SPARE - 1)])
+    short = steps * STEP_MM <= SHORT_MM
+    least = np.where(short, LEAST_STEPS, np.minimum(max(round(least_mm / STEP_MM), LEAST_STEPS), steps))
+    most = np.where(short, (GROWN * steps).astype(np.int64) + 1, steps + 2 * SPARE)
+    return _Strokes(points, slots, first, last, least, most), n
+
+
+def _left(strokes: _Strokes, count: int, pixel: float) -> Lines:
+    """The strokes that are still there."""
+    first, last = strokes.first[:count], strokes.last[:count]
+    counts = last - first + 1
+    kept = counts > 1
+    first, counts = first[kept], counts[kept]
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    own = np.arange(starts[-1]) - np.repeat(starts[:-1], counts)
+    return Lines(strokes.points[np.repeat(first, counts) + own] * pixel, starts)
 
 
 @kernel
-def _mend(
-    directions: NDArray[np.float32],
-    spacing: float,
-    light: NDArray[np.float32],
-    target: NDArray[np.float32],
-    coverage: NDArray[np.float32],
-    pixel: float,
-    edge: float,
-    floor: float,
-    width: float,
-    sigma: float,
+def _lay(sight: _Sight, strokes: _Strokes, count: int) -> None:
+    for s in range(count):
+        for k in range(strokes.first[s], strokes.last[s]):
+            _step(sight, strokes.points, k, 1)
+    sight.bared[:] = 0
+    _nothing(sight)
+
+
+@kernel
+def _retouch(sight: _Sight, strokes: _Strokes, ground: _Ground, order: NDArray[np.int64]) -> None:
+    """Try what may be better of each stroke, in order."""
+    for s in order:
+        steps = strokes.last[s] - strokes.first[s]
+        if steps < 1:
+            continue
+        short = strokes.least[s] == LEAST_STEPS  # no line
+        if short and _take_away(sight, strokes, s):
+            continue
+        for end in (1, -1):
+            shorter = False
+            while _shorten(sight, strokes, s, end, END_STEPS):
+                shorter = True
+            while not shorter and _lengthen(sight, strokes, ground, s, end, END_STEPS):
+                pass
+        if short:
+            for dx, dy in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+                _shift(sight, strokes, ground, s, dx * sight.radius, dy * sight.radius)
+
+
+@kernel
+def _add(
+    sight: _Sight,
+    strokes: _Strokes,
+    ground: _Ground,
     order: NDArray[np.int64],
-    steps: NDArray[np.int64],
-    ink: NDArray[np.float32],
-    points: NDArray[np.float64],
-    starts: NDArray[np.int64],
+    tries: NDArray[np.int64],
+    count: int,
 ) -> int:
-    """Fill points and starts; return the number of strokes."""
-    rows, columns = light.shape
-    reach = int(2.5 * sigma / pixel) + 1
-    count = 0
-    for half in steps:
+    """New strokes in places that are too light; return how many strokes there are then."""
+    columns = sight.light.shape[1]
+    points = strokes.points
+    for half in tries:
         for place in order:
             i, j = place // columns, place % columns
-            if _lightness(light[i, j]) - _lightness(target[i, j]) < LEAST_LIGHTER:
+            if _seen(sight, sight.light[i, j]) - sight.target[i, j] < LEAST_LIGHTER:
                 continue
-            at, n = starts[count], 2 * half + 1
-            if at + n > len(points) or count + 1 >= len(starts):
+            if count >= len(strokes.first):
                 return count
-            x, y = min((j + 0.5) * pixel, edge), min((i + 0.5) * pixel, floor)
-            follow(directions, spacing, x, y, half, points, at + half, 1, edge, floor)
-            follow(directions, spacing, x, y, half, points, at + half, -1, edge, floor)
-            bare = 0.0
-            left, right, top, bottom = columns, 0, rows, 0
-            for k in range(at, at + n):
-                u = min(max(int(points[k, 1] / pixel), 0), rows - 1)
-                v = min(max(int(points[k, 0] / pixel), 0), columns - 1)
-                bare += 1.0 - coverage[u, v]
-                left, right = min(left, max(v - reach, 0)), max(right, min(v + reach + 1, columns))
-                top, bottom = min(top, max(u - reach, 0)), max(bottom, min(u + reach + 1, rows))
-            bare /= n
-            if bare < 1.0 - MOST_COVERED:
+            x = min((j + 0.5) * COARSE, ground.right)
+            y = min((i + 0.5) * COARSE, ground.bottom)
+            at = strokes.first[count]
+            _both_ways(ground, x, y, half, points, at)
+            bare = 0
+            for k in range(at, at + 2 * half + 1):
+                u = min(int(points[k, 1]), sight.layers.shape[0] - 1)
+                v = min(int(points[k, 0]), sight.layers.shape[1] - 1)
+                bare += sight.layers[u, v] == 0
+            if bare < (1.0 - MOST_COVERED) * (2 * half + 1):
                 continue
-            mass = bare * width * (2 * half * STEP_MM + 0.785 * width) / n / (2.0 * np.pi * sigma * sigma)
-            before, after = 0.0, 0.0
-            for u in range(top, bottom):
-                for v in range(left, right):
-                    total = 0.0
-                    for k in range(at, at + n, 2):
-                        dx, dy = (v + 0.5) * pixel - points[k, 0], (u + 0.5) * pixel - points[k, 1]
-                        q = 0.5 * (dx * dx + dy * dy) / (sigma * sigma)
-                        if q < 5.0:
-                            total += np.exp(-q)
-                    ink[u, v] = total * mass * n / (half + 1)
-                    wanted = _lightness(target[u, v])
-                    before += (_lightness(light[u, v]) - wanted) ** 2
-                    after += (_lightness(light[u, v] - ink[u, v]) - wanted) ** 2
-            if after < (1.0 - MARGIN) * before:
-                starts[count + 1] = at + n
+            for k in range(at, at + 2 * half):
+                _step(sight, points, k, 1)
+            if _better(sight, MARGIN):
+                strokes.last[count] = at + 2 * half
+                strokes.least[count] = LEAST_STEPS
+                strokes.most[count] = int(GROWN * 2 * half) + 1
                 count += 1
-                for u in range(top, bottom):
-                    for v in range(left, right):
-                        light[u, v] -= ink[u, v]
-                for k in range(at, at + n):
-                    u = min(max(int(points[k, 1] / pixel), 0), rows - 1)
-                    v = min(max(int(points[k, 0] / pixel), 0), columns - 1)
-                    coverage[u, v] = 1.0
+            else:
+                for k in range(at, at + 2 * half):
+                    _step(sight, points, k, -1)
+                _nothing(sight)
     return count
 
 
 @leaf
-def _lightness(y: float) -> float:
-    """CIE L* of the linear light y in 0..1."""
-    if y <= 216.0 / 24389.0:
-        return max(y, 0.0) * 24389.0 / 27.0
-    return float(116.0 * np.cbrt(y) - 16.0)
+def _both_ways(ground: _Ground, x: float, y: float, half: int, points: NDArray[np.float64], at: int) -> None:
+    """2 · half + 1 points along the field through (x, y), from index `at` on."""
+    for side in (1, -1):
+        ux, uy, _ = sample(ground.directions, ground.spacing, False, x, y, 1.0, 0.0)
+        points[at + half, 0], points[at + half, 1] = x, y
+        _grow(ground, points, at + half, side, half, side * ux, side * uy)
+
+
+@leaf
+def _grow(ground: _Ground, points: NDArray[np.float64], at: int, side: int, n: int, ux: float, uy: float) -> None:
+    """n points along the field after index `at`, by `side` (±1), beginning in the direction (ux, uy).
+
+    Where they would leave the picture they stay.
+    """
+    x, y = points[at, 0], points[at, 1]
+    step = ground.step
+    for _ in range(n):
+        ax, ay, _ = sample(ground.directions, ground.spacing, True, x, y, ux, uy)
+        ux, uy, _ = sample(ground.directions, ground.spacing, True, x + 0.5 * step * ax, y + 0.5 * step * ay, ax, ay)
+        if 0.0 <= x + step * ux <= ground.right and 0.0 <= y + step * uy <= ground.bottom:
+            x, y = x + step * ux, y + step * uy
+        at += side
+        points[at, 0], points[at, 1] = x, y
+
+
+@leaf
+def _take_away(sight: _Sight, strokes: _Strokes, s: int) -> bool:
+    first, last = strokes.first[s], strokes.last[s]
+    for k in range(first, last):
+        _step(sight, strokes.points, k, -1)
+    if _better(sight, WORTH):
+        strokes.last[s] = first - 1
+        return True
+    for k in range(first, last):
+        _step(sight, strokes.points, k, 1)
+    _nothing(sight)
+    return False
+
+
+@leaf
+def _shorten(sight: _Sight, strokes: _Strokes, s: int, end: int, n: int) -> bool:
+    """Take n steps from the end (1) or the beginning (−1)."""
+    first, last = strokes.first[s], strokes.last[s]
+    if last - first - n < strokes.least[s]:
+        return False
+    a, b = (last - n, last) if end > 0 else (first, first + n)
+    for k in range(a, b):
+        _step(sight, strokes.points, k, -1)
+    if _better(sight, WORTH):
+        if end > 0:
+            strokes.last[s] = last - n
+        else:
+            strokes.first[s] = first + n
+        return True
+    for k in range(a, b):
+        _step(sight, strokes.points, k, 1)
+    _nothing(sight)
+    return False
+
+
+@leaf
+def _lengthen(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, end: int, n: int) -> bool:
+    """Add n steps along the field to the end (1) or the beginning (−1)."""
+    first, last, points = strokes.first[s], strokes.last[s], strokes.points
+    at = last if end > 0 else first
+    room = strokes.slots[s + 1] - 1 - last if end > 0 else first - strokes.slots[s]
+    if room < n or last - first + n > strokes.most[s]:
+        return False
+    ux, uy = points[at, 0] - points[at - end, 0], points[at, 1] - points[at - end, 1]
+    norm = np.sqrt(ux * ux + uy * uy)
+    if norm == 0.0:
+        return False
+    ux, uy = ux / norm, uy / norm
+    ax, ay, _ = sample(ground.directions, ground.spacing, True, points[at, 0], points[at, 1], ux, uy)
+    if ux * ax + uy * ay < STRAIGHT:
+        return False
+    _grow(ground, points, at, end, n, ux, uy)
+    far = at + end * n
+    if points[far, 0] == points[far - end, 0] and points[far, 1] == points[far - end, 1]:
+        return False
+    a, b = (at, far) if end > 0 else (far, at)
+    for k in range(a, b):
+        _step(sight, points, k, 1)
+    if _better(sight, WORTH):
+        if end > 0:
+            strokes.last[s] = far
+        else:
+            strokes.first[s] = far
+        return True
+    for k in range(a, b):
+        _step(sight, points, k, -1)
+    _nothing(sight)
+    return False
+
+
+@leaf
+def _shift(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, dx: float, dy: float) -> bool:
+    """Move a stroke."""
+    first, last = strokes.first[s], strokes.last[s]
+    points = strokes.points
+    for k in range(first, last + 1):
+        if not (0.0 <= points[k, 0] + dx <= ground.right and 0.0 <= points[k, 1] + dy <= ground.bottom):
+            return False
+    for k in range(first, last):
+        _step(sight, points, k, -1)
+    for k in range(first, last + 1):
+        points[k, 0] += dx
+        points[k, 1] += dy
+    for k in range(first, last):
+        _step(sight, points, k, 1)
+    if _better(sight, WORTH):
+        return True
+    for k in range(first, last):
+        _step(sight, points, k, -1)
+    for k in range(first, last + 1):
+        points[k, 0] -= dx
+        points[k, 1] -= dy
+    for k in range(first, last):
+        _step(sight, points, k, 1)
+    _nothing(sight)
+    return False
+
+
+@leaf
+def _step(sight: _Sight, points: NDArray[np.float64], k: int, sign: int) -> None:
+    """Lay the step from point k to the next (1), or take it away (−1)."""
+    ax, ay = points[k, 0], points[k, 1]
+    dx, dy = points[k + 1, 0] - ax, points[k + 1, 1] - ay
+    length2, radius2 = dx * dx + dy * dy, sight.radius * sight.radius
+    left = max(int(np.ceil(min(ax, ax + dx) - sight.radius - 0.5)), 0)
+    right = min(int(np.floor(max(ax, ax + dx) + sight.radius - 0.5)), sight.layers.shape[1] - 1)
+    top = max(int(np.ceil(min(ay, ay + dy) - sight.radius - 0.5)), 0)
+    bottom = min(int(np.floor(max(ay, ay + dy) + sight.radius - 0.5)), sight.layers.shape[0] - 1)
+    box = sight.box
+    for i in range(top, bottom + 1):
+        for j in range(left, right + 1):
+            px, py = j + 0.5 - ax, i + 0.5 - ay
+            t = 0.0
+            if length2 > 0.0:
+                t = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
+            ex, ey = px - t * dx, py - t * dy
+            if ex * ex + ey * ey > radius2:
+                continue
+            was = sight.layers[i, j]
+            sight.layers[i, j] = was + 1 if sign > 0 else was - 1
+            if was == (0 if sign > 0 else 1):
+                u, v = i // COARSE, j // COARSE
+                sight.bared[u, v] -= sign
+                box[0], box[1] = min(box[0], u), max(box[1], u)
+                box[2], box[3] = min(box[2], v), max(box[3], v)
+
+
+@leaf
+def _nothing(sight: _Sight) -> None:
+    """No change is in question."""
+    sight.box[0], sight.box[1] = sight.bared.shape[0], -1
+    sight.box[2], sight.box[3] = sight.bared.shape[1], -1
+
+
+@leaf
+def _better(sight: _Sight, share: float) -> bool:
+    """Whether the change in question takes that share of the squared difference around it; then it is made."""
+    rows, columns = sight.light.shape
+    box, reach, bared = sight.box, sight.blur.shape[0] // 2, sight.bared
+    if box[1] < 0:
+        return False
+    top, bottom = max(box[0] - reach, 0), min(box[1] + reach + 1, rows)
+    left, right = max(box[2] - reach, 0), min(box[3] + reach + 1, columns)
+    gained = sight.gained
+    for u in range(top, bottom):
+        for v in range(left, right):
+            gained[u, v] = 0.0
+    for u in range(box[0], box[1] + 1):
+        for v in range(box[2], box[3] + 1):
+            if bared[u, v] == 0:
+                continue
+            part = np.float32(bared[u, v])
+            low, high = max(v - reach, 0), min(v + reach + 1, columns)
+            for i in range(max(u - reach, 0), min(u + reach + 1, rows)):
+                for j in range(low, high):
+                    gained[i, j] += part * sight.blur[i - u + reach, j - v + reach]
+    before, after = 0.0, 0.0
+    for u in range(top, bottom):
+        for v in range(left, right):
+            wanted = sight.target[u, v]
+            before += (_seen(sight, sight.light[u, v]) - wanted) ** 2
+            after += (_seen(sight, sight.light[u, v] + gained[u, v]) - wanted) ** 2
+    if after >= (1.0 - share) * before:
+        return False
+    for u in range(top, bottom):
+        for v in range(left, right):
+            sight.light[u, v] += gained[u, v]
+    for u in range(box[0], box[1] + 1):
+        for v in range(box[2], box[3] + 1):
+            bared[u, v] = 0
+    _nothing(sight)
+    return True
+
+
+@leaf
+def _seen(sight: _Sight, light: float) -> float:
+    """L* of light, between two entries of the table."""
+    at = min(max(light, 0.0), 1.0) * LEVELS
+    k = int(at)
+    low = sight.lightness[k]
+    return float(low + (at - k) * (sight.lightness[k + 1] - low))

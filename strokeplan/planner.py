@@ -28,7 +28,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strokeplan import budget, ink, painting, pursuit, search
+from strokeplan import budget, drawing, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack, unpack
 from strokeplan.errors import InputError, StrokeplanWarning
 from strokeplan.field import Orientation, OrientationField, submit_field
@@ -113,6 +113,8 @@ def plan(
     page: Page | None = None,
     pens: str | os.PathLike[str] | PenSet | None = None,
     max_length_mm: float | None = None,
+    max_time_s: float | None = None,
+    profile: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
     report: Callable[[Report], None] | None = None,
@@ -130,6 +132,8 @@ def plan(
     page           the sheet and its margin; by default A4 with 15 mm, turned as the photo;
     pens           a set of pens (a name, a .toml file, a PenSet); by default the preset's;
     max_length_mm  how far the pens may draw: the best drawing for that much ink;
+    max_time_s     how long the machine of `profile` may draw;
+    profile        a machine (a name, a .toml file), whose page and pens are taken where none are given;
     and neither orientation, detail, mask, progress nor report.
 
     The same image, preset, options, seed and version give the same plan, whatever `threads` (default: one
@@ -138,10 +142,18 @@ def plan(
     """
     if (inked := find_ink(preset)) is not None:
         _refuse("a preset of ink", orientation=orientation, detail=detail, mask=mask)
-        return ink.draw(
-            _photo(image), inked.changed(seed=seed, strokes=strokes, page=page, pens=pens, max_length_mm=max_length_mm)
+        inked = inked.changed(
+            seed=seed,
+            strokes=strokes,
+            page=page,
+            pens=pens,
+            max_length_mm=max_length_mm,
+            max_time_s=max_time_s,
+            profile=profile,
         )
-    _refuse("a preset of paint", page=page, pens=pens, max_length_mm=max_length_mm)
+        return drawing.draw(_photo(image), inked, threads=threads)
+    given = {"max_length_mm": max_length_mm, "max_time_s": max_time_s, "profile": profile}
+    _refuse("a preset of paint", page=page, pens=pens, **given)
     assert not isinstance(preset, InkPreset | InkRecipe)  # noqa: S101 (for the type checker: find_ink takes them)
     recipe = load_recipe(preset)
     seed = recipe.seed if seed is None else seed
@@ -190,7 +202,9 @@ def _refuse(what: str, **options: object) -> None:
     """Raise InputError if an option is given that `what` has no use for."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"{name.removesuffix('_mm')} is not for {what}; leave it out, or give another preset")
+            raise InputError(
+                f"{name.removesuffix('_mm').removesuffix('_s')} is not for {what}; leave it out, or give another preset"
+            )
 
 
 _COLOR = 2
@@ -414,6 +428,11 @@ def warm_up() -> None:
     plan(picture, "fine", strokes=2, threads=1)
     for widest in (0, 2):  # the adaptive field has kernels of its own
         plan(picture, load_preset("paper").override({"max_integration_sigma": widest}), threads=2)
+
+
+def load_kernels() -> None:
+    """Load what planning by gain needs, by a plan of four pixels; quick if it is loaded already."""
+    plan(np.zeros((2, 2, 3), np.uint8), "fine", threads=1)
 
 
 def layer_field(photo: Photo, preset: Preset, number: int) -> OrientationField:

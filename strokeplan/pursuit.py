@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from strokeplan.canvas import Packed, footprint, mean_distance, paint_chain
 from strokeplan.curves import Scratch, fit, rdp, scratch
 from strokeplan.field import OrientationField
-from strokeplan.jit import is_cached, kernel, leaf
+from strokeplan.jit import inlined, is_cached, kernel, leaf
 from strokeplan.merging import merge as merge_strokes
 from strokeplan.painting import BEND_WIDTHS, Brush, LayerStrokes, Workers
-from strokeplan.tractography import splitmix64, trace, tract_capacity, uniform
+from strokeplan.tractography import Course, depart, splitmix64, tract_capacity, travel, uniform
 
 Result = TypeVar("Result")
 
@@ -196,6 +196,9 @@ class Pursuit:
     layers: list[LayerStrokes]
     workers: Workers
     marks: int = 0
+    near: list[NDArray[np.uint32]] | None = None
+    """What `look_closely` saw in every band, while the strokes that were there then still are what they were."""
+    near_strokes: int = 0
 
     @classmethod
     def begin(
@@ -280,7 +283,8 @@ class Pursuit:
         if rules.cover:
             self.error[self.ids < 0] = BARE
         strips = list(self._strips(brush, rules))
-        known = self.strokes
+        before, layer = self.strokes, len(self.layers)
+        known = before
         kept: list[Laid] = []
         tell(0, len(strips), 0)
         for phase in (strips[::2], strips[1::2]):
@@ -291,8 +295,8 @@ class Pursuit:
                 self._by_bands(lambda _, rows: _renumber(self.ids[rows], self.below[rows], first, final))  # noqa: B023
                 known = int(final[-1])
             kept += laid
-            tell(len(kept), len(strips), known - self.strokes)
-        self.layers.append(LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True))))
+            self.layers[layer:] = [LayerStrokes(*(np.concatenate(column) for column in zip(*kept, strict=True)))]
+            tell(len(kept), len(strips), known - before)
         self.refit()
 
     def _strips(self, brush: Brush, rules: Rules) -> Iterator[Strip]:
@@ -334,10 +338,12 @@ class Pursuit:
         """Measure the error as an antialiased picture has it, in which seams between strokes show what lies below."""
         shown, seen = self._with_background(), self._closely()
 
-        def measure(_: int, rows: slice) -> None:
-            _compare(self.photo[rows], self.weight[rows], seen(rows), shown, self.error[rows])
+        def measure(band: int, rows: slice) -> NDArray[np.uint32]:
+            numbers = seen(band, rows)
+            _compare(self.photo[rows], self.weight[rows], numbers, shown, self.error[rows])
+            return numbers
 
-        self._by_bands(measure)
+        self.near, self.near_strokes = self._by_bands(measure), self.strokes
 
     def finish(self, spare: float | None = None) -> Packed:
         """Drop strokes that nobody sees, give the others the colours that suit best together; return the picture.
@@ -346,7 +352,7 @@ class Pursuit:
         the colour that is wanted there.
         """
         seen, n = self._closely(), self.strokes
-        numbers = self._by_bands(lambda _, rows: seen(rows))
+        numbers = self._by_bands(seen)
         colours = np.stack([self._with_background() >> shift & 255 for shift in (16, 8, 0)], axis=-1).astype(np.float64)
         for _ in range(SOLVES):
             parts = np.zeros((len(numbers), n + 1, 4))
@@ -422,10 +428,20 @@ class Pursuit:
         """(n + 1,) packed colours of all strokes, and of the canvas."""
         return np.append(self.colours, np.uint32(self.background))
 
-    def _closely(self) -> Callable[[slice], NDArray[np.uint32]]:
-        """What tells which stroke shows where in some rows of the picture, painted at twice the size."""
-        outlines = self._outlines()
-        return lambda rows: self._number(*outlines, rows, 2)
+    def _closely(self) -> Callable[[int, slice], NDArray[np.uint32]]:
+        """What tells which stroke shows where in a band of the picture, painted at twice the size; their count for
+        none. Strokes that `look_closely` has seen are not painted again."""
+        points, counts, widths = self._outlines()
+        near, known = self.near, self.near_strokes if self.near else 0
+        outlines = points[counts[:known].sum() :], counts[known:], widths[known:]
+
+        def seen(band: int, rows: slice) -> NDArray[np.uint32]:
+            if near is None:
+                return self._number(*outlines, rows, 2)
+            near[band][near[band] == known] = len(counts)
+            return self._number(*outlines, rows, 2, known, near[band])
+
+        return seen
 
     def _number(
         self,
@@ -434,11 +450,15 @@ class Pursuit:
         widths: NDArray[np.float64],
         rows: slice,
         scale: int,
+        first: int = 0,
+        below: NDArray[np.uint32] | None = None,
     ) -> NDArray[np.uint32]:
-        """Which stroke shows in some rows of a picture painted at `scale` times the size; their count for none."""
-        numbers = np.full((scale * (rows.stop - rows.start), scale * self.photo.shape[1]), len(counts), np.uint32)
+        """Which stroke, numbered from `first` on, shows in some rows of a picture painted at `scale` times the size,
+        over what is `below`; without that, their count for none."""
+        size = scale * (rows.stop - rows.start), scale * self.photo.shape[1]
+        numbers = np.full(size, len(counts), np.uint32) if below is None else below
         chain = np.empty((int(counts.max(initial=0)), 2))
-        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, chain)
+        _paint_numbers(numbers, points, counts, widths, self.round_cap, rows.start, rows.stop, scale, first, chain)
         return numbers
 
     def limit(self, most: int) -> None:
@@ -480,6 +500,7 @@ class Pursuit:
         merged = merge_strokes(self.layers[-1], brush, alike)
         if len(merged.counts) < len(self.layers[-1].counts):
             self.layers[-1] = merged
+            self.near = None
             self._look_below()
 
     def thin(self, least: float) -> None:
@@ -495,6 +516,7 @@ class Pursuit:
         self.refit()
 
     def _leave_out(self, drop: NDArray[np.bool_]) -> None:
+        self.near = None
         for layer, dropped in zip(self.layers, self._by_layer(drop), strict=True):
             layer.points = layer.points[np.repeat(~dropped, layer.counts)]
             layer.counts, layer.widths, layer.colours = (
@@ -733,13 +755,16 @@ def _try(
         first, last = 0, 2
     else:
         first, last = 0, 0
+        course = Course(
+            scene.samples, scene.scale, columns, rows, brush.coherence, brush.step_tolerance, brush.max_step,
+            brush.aligned, brush.wander, BEND_WIDTHS * brush.width,
+            splitmix64(scene.key, np.uint64(i * columns + j)),
+        )  # fmt: skip
+        reach = brush.length * (0.5 if brush.both_ways else 1.0)
+        ahead, back = depart(course, j + 0.5, i + 0.5, brush.both_ways, tract)
         for look in range(2) if rules.by_gain else range(1, 2):
-            first, last = trace(
-                scene.samples, scene.scale, columns, rows, j + 0.5, i + 0.5,
-                brush.length * (FIRST_LOOK if look == 0 else 1.0), brush.coherence,
-                brush.step_tolerance, brush.max_step, brush.both_ways, brush.aligned, brush.wander,
-                BEND_WIDTHS * brush.width, splitmix64(scene.key, np.uint64(i * columns + j)), tract,
-            )  # fmt: skip
+            part = FIRST_LOOK if look == 0 else 1.0
+            first, last, ahead, back = travel(course, ahead, back, part * reach, tract)
             first, last = _within_bounds(scene, rules, tract, first, last)
             if rules.by_gain and last - first > 1:
                 begin, end = first, last
@@ -779,13 +804,13 @@ def _thinner(width: float, spare: float) -> float:
     return max(width - spare, 0.5 * width)
 
 
-@leaf
+@inlined
 def _shape(strip: Strip, side: float) -> tuple[int, int]:
     """Rows and columns of the cells of a strip."""
     return int(np.ceil((strip.bottom - strip.top) / side)), int(np.ceil((strip.right - strip.left) / side))
 
 
-@leaf
+@inlined
 def _window(rules: Rules, strip: Strip, cell: int) -> tuple[int, int, int, int]:
     """Pixels top, bottom, left, right of a cell."""
     row, column = divmod(cell, _shape(strip, rules.cell)[1])
@@ -800,7 +825,7 @@ def _centre(rules: Rules, strip: Strip, cell: int) -> tuple[int, int]:
     return (top + bottom) // 2, (left + right) // 2
 
 
-@leaf
+@inlined
 def _survey(scene: Scene, rules: Rules, strip: Strip, cell: int) -> tuple[float, int, int]:
     """Mean of a cell, see Rules.trigger, and its pixel of the largest error."""
     top, bottom, left, right = _window(rules, strip, cell)
@@ -905,7 +930,7 @@ def _length(points: NDArray[np.float64], first: int, last: int) -> float:
     return length
 
 
-@leaf
+@inlined
 def _best_stretch(
     scene: Scene, tract: NDArray[np.float64], first: int, last: int, width: float, sums: NDArray[np.float64]
 ) -> tuple[int, int, float]:
@@ -961,14 +986,14 @@ def _best_stretch(
     return first + best_a, first + best_b + 1, best
 
 
-@leaf
+@inlined
 def _pixel(photo: Packed, weight: NDArray[np.float32], i: int, j: int) -> tuple[float, float, float, float]:
     """Weight, red, green and blue of the photo."""
     value = np.int64(photo[i, j])
     return float(weight[i, j]), float(value >> 16), float((value >> 8) & 255), float(value & 255)
 
 
-@leaf
+@inlined
 def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.uint32]:
     """What a footprint in its best colour takes from the error, and that colour."""
     photo, weight, error = scene.photo, scene.weight, scene.error
@@ -991,7 +1016,7 @@ def _gain(scene: Scene, pixels: NDArray[np.int32], n: int) -> tuple[float, np.ui
     return old - left, colour
 
 
-@leaf
+@inlined
 def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -> np.uint32:
     """The packed colour that stands for a mean of colours."""
     r, g, b = int(red + 0.5), int(green + 0.5), int(blue + 0.5)
@@ -1000,7 +1025,7 @@ def _suited(choice: NDArray[np.uint32], red: float, green: float, blue: float) -
     return np.uint32((r << 16) | (g << 8) | b)
 
 
-@leaf
+@inlined
 def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     """Between two packed colours."""
     x, y = np.int64(a), np.int64(b)
@@ -1008,7 +1033,7 @@ def _squared_distance(a: np.uint32, b: np.uint32) -> float:
     return float(dr * dr + dg * dg + db * db)
 
 
-@leaf
+@inlined
 def _lay(scene: Scene, pixels: NDArray[np.int32], n: int, stroke: int, colour: np.uint32) -> None:
     photo, weight, error, ids, below = scene.photo, scene.weight, scene.error, scene.ids, scene.below
     for k in range(n):
@@ -1084,9 +1109,11 @@ def _paint_numbers(
     top: int,
     bottom: int,
     scale: int,
+    number: int,
     chain: NDArray[np.float64],
 ) -> None:
-    """Paint the number of every stroke where it shows in rows top … bottom − 1, at `scale` times the size."""
+    """Paint the number of every stroke, from `number` on, where it shows in rows top … bottom − 1, at `scale` times
+    the size."""
     first = 0
     for stroke in range(len(counts)):
         count, width = counts[stroke], widths[stroke]
@@ -1096,7 +1123,7 @@ def _paint_numbers(
         if low - width < bottom and high + width > top:
             for k in range(count):
                 chain[k, 0], chain[k, 1] = scale * points[first + k, 0], scale * (points[first + k, 1] - top)
-            paint_chain(numbers, chain, 0, count // 3, scale * width, round_cap, np.uint32(stroke))
+            paint_chain(numbers, chain, 0, count // 3, scale * width, round_cap, np.uint32(number + stroke))
         first += count
 
 

@@ -204,6 +204,17 @@ class StrokePlan:
         pressure = self.pressures[first:last] if self.pressures is not None and self.has_pressure[i] else 1.0
         return np.full(last - first, 0.5 * self.widths[i]) * pressure
 
+    @cached_property
+    def half_widths(self) -> NDArray[np.float64]:
+        """(q,) `radii` of all strokes, one after the other."""
+        half = np.repeat(0.5 * self.widths, self.knots)
+        return half if self.pressures is None else half * np.where(np.isnan(self.pressures), 1.0, self.pressures)
+
+    @property
+    def round_caps(self) -> NDArray[np.bool_]:
+        """(n,) whether a stroke has round caps."""
+        return np.repeat([layer.cap == "round" for layer in self.layers], [k.last - k.first for k in self.layers])
+
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         return (self.stroke(i) for i in range(len(self)))
 

@@ -24,11 +24,13 @@ Known limit: a tract on a closed curve goes round until its length is used up.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.field import OrientationField
-from strokeplan.jit import leaf
+from strokeplan.jit import inlined, leaf
 
 STEP_TOLERANCE_PX = 0.05
 """Default largest estimated error of one accepted step. With it the tracts of rings of radius 10 px and
@@ -84,6 +86,44 @@ def tract_capacity(max_length: float) -> int:
     return 2 * (int(2 * max_length) + 32) + 1
 
 
+class Course(NamedTuple):
+    """What a tract follows, and how."""
+
+    samples: NDArray[np.float32]
+    scale: float
+    width: int
+    height: int
+    min_coherence: float
+    tolerance: float
+    max_step: float
+    aligned: bool
+    wander: float
+    bend: float
+    key: np.uint64
+
+
+class Way(NamedTuple):
+    """How far a tract is on one of its two ways from the seed."""
+
+    goes: bool
+    """It has not come to the border, to incoherence, or to a place without direction."""
+    at: int
+    """Where its last point stands."""
+    x: float
+    y: float
+    ux: float
+    uy: float
+    """The orientation there …"""
+    kx: float
+    ky: float
+    """… and where the tract goes: the same, unless it wanders."""
+    step: float
+    """The next one's length, unless `reach` is nearer."""
+    travelled: float
+    free: bool
+    """No step has been cut short by `reach`."""
+
+
 @leaf
 def trace(
     samples: NDArray[np.float32],
@@ -107,92 +147,158 @@ def trace(
 
     `wander` in 0..1, `bend` in pixels and `key` are the deviation's (see above); with wander 0 they do nothing.
     """
+    course = Course(samples, scale, width, height, min_coherence, tolerance, max_step, aligned, wander, bend, key)
+    ahead, back = depart(course, x, y, both_ways, points)
+    first, last, _, _ = travel(course, ahead, back, 0.5 * max_length if both_ways else max_length, points)
+    return first, last
+
+
+@leaf
+def depart(course: Course, x: float, y: float, both_ways: bool, points: NDArray[np.float64]) -> tuple[Way, Way]:
+    """The two ways of the tract through (x, y), which becomes the middle one of `points`."""
+    samples, scale = course.samples, course.scale
     middle = points.shape[0] // 2
     points[middle, 0], points[middle, 1] = x, y
+    x, y = points[middle, 0], points[middle, 1]  # floats, whatever was given
     rows, cols = samples.shape[0], samples.shape[1]
     j = min(max(int(x / scale), 0), cols - 1)
     i = min(max(int(y / scale), 0), rows - 1)
     ux, uy = float(samples[i, j, 0]), float(samples[i, j, 1])
-    reach = 0.5 * max_length if both_ways else max_length
-    last = _follow(
-        samples, scale, width, height, ux, uy, reach, min_coherence, tolerance, max_step, aligned,
-        wander, bend, key, points, middle, 1,
-    )  # fmt: skip
-    first = middle
-    if both_ways:
-        first = _follow(
-            samples, scale, width, height, -ux, -uy, reach, min_coherence, tolerance, max_step, aligned,
-            wander, bend, key, points, middle, -1,
-        )  # fmt: skip
-    return first, last + 1
+    return _departing(course, middle, x, y, ux, uy, True), _departing(course, middle, x, y, -ux, -uy, both_ways)
 
 
 @leaf
-def _follow(
-    samples: NDArray[np.float32],
-    scale: float,
-    width: int,
-    height: int,
-    heading_x: float,
-    heading_y: float,
-    reach: float,
-    min_coherence: float,
-    tolerance: float,
-    max_step: float,
-    aligned: bool,
-    wander: float,
-    bend: float,
-    key: np.uint64,
-    points: NDArray[np.float64],
-    at: int,
-    stride: int,
-) -> int:
-    """Append points from index `at` on, by `stride` (±1); return the index of the last one."""
-    x, y = points[at, 0], points[at, 1]
-    # u is the orientation, k where the tract goes: the same, unless it wanders.
-    ux, uy, coherence = sample(samples, scale, aligned, x, y, heading_x, heading_y)
-    k1x, k1y = _deviated(ux, uy, coherence, wander, bend, key, 0.0)
-    if coherence < min_coherence or (k1x == 0.0 and k1y == 0.0):
-        return at
-    step, travelled = max_step, 0.0
+def _departing(course: Course, at: int, x: float, y: float, hx: float, hy: float, goes: bool) -> Way:
+    ux, uy, coherence = sample(course.samples, course.scale, course.aligned, x, y, hx, hy)
+    kx, ky = _deviated(ux, uy, coherence, course.wander, course.bend, course.key, 0.0)
+    goes = goes and not (coherence < course.min_coherence or (kx == 0.0 and ky == 0.0))
+    return Way(goes, at, x, y, ux, uy, kx, ky, float(course.max_step), 0.0, True)
+
+
+@leaf
+def travel(
+    course: Course, ahead: Way, back: Way, reach: float, points: NDArray[np.float64]
+) -> tuple[int, int, Way, Way]:
+    """Follow the two ways to the arc length `reach` from the seed, or to their ends; the tract is points[first:last].
+
+    Returns (first, last, ahead, back), the ways as far as they go whatever the reach: from there they can be followed
+    on to a greater one, and the tract is the same as if that had been asked for at once.
+    """
+    sure_ahead, sure_back = ahead, back
+    # The ways know nothing of each other: side by side, the processor works on one while it waits for the other.
+    while _goes_on(ahead, reach, points, 1) and _goes_on(back, reach, points, -1):
+        if ahead.free:
+            sure_ahead = ahead
+        if back.free:
+            sure_back = back
+        ahead, back = _both_onward(course, ahead, back, reach, points)
+    while _goes_on(ahead, reach, points, 1):
+        if ahead.free:
+            sure_ahead = ahead
+        ahead = _onward(course, ahead, reach, points, 1)
+    while _goes_on(back, reach, points, -1):
+        if back.free:
+            sure_back = back
+        back = _onward(course, back, reach, points, -1)
+    return back.at, ahead.at + 1, ahead if ahead.free else sure_ahead, back if back.free else sure_back
+
+
+@inlined
+def _goes_on(way: Way, reach: float, points: NDArray[np.float64], stride: int) -> bool:
     end = points.shape[0] - 1 if stride > 0 else 0
-    while travelled < reach and at != end:
-        step = min(step, reach - travelled)
-        # The heading of all three stages is that of the step's start.
-        k2x, k2y, coherence = sample(samples, scale, aligned, x + 0.5 * step * k1x, y + 0.5 * step * k1y, ux, uy)
-        k2x, k2y = _deviated(k2x, k2y, coherence, wander, bend, key, stride * (travelled + 0.5 * step))
-        k3x, k3y, coherence = sample(samples, scale, aligned, x + 0.75 * step * k2x, y + 0.75 * step * k2y, ux, uy)
-        k3x, k3y = _deviated(k3x, k3y, coherence, wander, bend, key, stride * (travelled + 0.75 * step))
-        nx = x + step * (2.0 * k1x + 3.0 * k2x + 4.0 * k3x) / 9.0
-        ny = y + step * (2.0 * k1y + 3.0 * k2y + 4.0 * k3y) / 9.0
-        u4x, u4y, coherence = sample(samples, scale, aligned, nx, ny, ux, uy)
-        k4x, k4y = _deviated(u4x, u4y, coherence, wander, bend, key, stride * (travelled + step))
-        ex = step * (-5.0 * k1x + 6.0 * k2x + 8.0 * k3x - 9.0 * k4x) / 72.0
-        ey = step * (-5.0 * k1y + 6.0 * k2y + 8.0 * k3y - 9.0 * k4y) / 72.0
-        error = np.sqrt(ex * ex + ey * ey)
-        if error > tolerance and step > MIN_STEP_PX:
-            step = max(step * _growth(tolerance, error), MIN_STEP_PX)
-            continue
-        inside = 0.0 <= nx <= width and 0.0 <= ny <= height
-        if not inside or coherence < min_coherence:
-            nx, ny = _last_valid(
-                samples, scale, width, height, aligned, min_coherence, x, y, k1x * step, k1y * step,
-                nx, ny, k4x * step, k4y * step,
-            )  # fmt: skip
-            if (nx - x) ** 2 + (ny - y) ** 2 > 1e-4:
-                at += stride
-                points[at, 0], points[at, 1] = nx, ny
-            return at
-        at += stride
-        points[at, 0], points[at, 1] = nx, ny
-        if k4x == 0.0 and k4y == 0.0:
-            return at
-        x, y, ux, uy, k1x, k1y = nx, ny, u4x, u4y, k4x, k4y
-        travelled += step
-        # No root is needed to know that the longest step stays so if it could grow.
-        if travelled < reach and (step < max_step or error > STEADY * tolerance):
-            step = min(step * _growth(tolerance, error), max_step)
-    return at
+    return way.goes and way.travelled < reach and way.at != end
+
+
+@inlined
+def _both_onward(course: Course, ahead: Way, back: Way, reach: float, points: NDArray[np.float64]) -> tuple[Way, Way]:
+    """`_onward` on both ways, stage by stage."""
+    step_a, step_b = min(ahead.step, reach - ahead.travelled), min(back.step, reach - back.travelled)
+    a2x, a2y = _stage(course, ahead, step_a, 0.5, ahead.kx, ahead.ky, 1)
+    b2x, b2y = _stage(course, back, step_b, 0.5, back.kx, back.ky, -1)
+    a3x, a3y = _stage(course, ahead, step_a, 0.75, a2x, a2y, 1)
+    b3x, b3y = _stage(course, back, step_b, 0.75, b2x, b2y, -1)
+    ax, ay = _landing(ahead, step_a, a2x, a2y, a3x, a3y)
+    bx, by = _landing(back, step_b, b2x, b2y, b3x, b3y)
+    aux, auy, coherence_a = sample(course.samples, course.scale, course.aligned, ax, ay, ahead.ux, ahead.uy)
+    bux, buy, coherence_b = sample(course.samples, course.scale, course.aligned, bx, by, back.ux, back.uy)
+    return (
+        _arrived(course, ahead, step_a, reach, a2x, a2y, a3x, a3y, ax, ay, aux, auy, coherence_a, points, 1),
+        _arrived(course, back, step_b, reach, b2x, b2y, b3x, b3y, bx, by, bux, buy, coherence_b, points, -1),
+    )
+
+
+@inlined
+def _onward(course: Course, way: Way, reach: float, points: NDArray[np.float64], stride: int) -> Way:
+    """A way after one step more is tried; its point goes to points[way.at + stride], with stride ±1."""
+    step = min(way.step, reach - way.travelled)
+    k2x, k2y = _stage(course, way, step, 0.5, way.kx, way.ky, stride)
+    k3x, k3y = _stage(course, way, step, 0.75, k2x, k2y, stride)
+    nx, ny = _landing(way, step, k2x, k2y, k3x, k3y)
+    ux, uy, coherence = sample(course.samples, course.scale, course.aligned, nx, ny, way.ux, way.uy)
+    return _arrived(course, way, step, reach, k2x, k2y, k3x, k3y, nx, ny, ux, uy, coherence, points, stride)
+
+
+@inlined
+def _stage(
+    course: Course, way: Way, step: float, part: float, kx: float, ky: float, stride: int
+) -> tuple[float, float]:
+    """Where the tract goes at that part of a step in direction k. The heading of all stages is that of its start."""
+    x, y = way.x + part * step * kx, way.y + part * step * ky
+    ux, uy, coherence = sample(course.samples, course.scale, course.aligned, x, y, way.ux, way.uy)
+    s = stride * (way.travelled + part * step)
+    return _deviated(ux, uy, coherence, course.wander, course.bend, course.key, s)
+
+
+@inlined
+def _landing(way: Way, step: float, k2x: float, k2y: float, k3x: float, k3y: float) -> tuple[float, float]:
+    return (
+        way.x + step * (2.0 * way.kx + 3.0 * k2x + 4.0 * k3x) / 9.0,
+        way.y + step * (2.0 * way.ky + 3.0 * k2y + 4.0 * k3y) / 9.0,
+    )
+
+
+@inlined
+def _arrived(
+    course: Course,
+    way: Way,
+    step: float,
+    reach: float,
+    k2x: float,
+    k2y: float,
+    k3x: float,
+    k3y: float,
+    nx: float,
+    ny: float,
+    ux: float,
+    uy: float,
+    coherence: float,
+    points: NDArray[np.float64],
+    stride: int,
+) -> Way:
+    """A way after a step to (nx, ny), where the orientation is u: taken, or to be tried again shorter, or its last."""
+    at, travelled, tolerance = way.at, way.travelled + step, course.tolerance
+    free = way.free and step == way.step and travelled < reach
+    k4x, k4y = _deviated(ux, uy, coherence, course.wander, course.bend, course.key, stride * travelled)
+    ex = step * (-5.0 * way.kx + 6.0 * k2x + 8.0 * k3x - 9.0 * k4x) / 72.0
+    ey = step * (-5.0 * way.ky + 6.0 * k2y + 8.0 * k3y - 9.0 * k4y) / 72.0
+    error = np.sqrt(ex * ex + ey * ey)
+    if error > tolerance and step > MIN_STEP_PX:
+        shorter = max(step * _growth(tolerance, error), MIN_STEP_PX)
+        return Way(True, at, way.x, way.y, way.ux, way.uy, way.kx, way.ky, shorter, way.travelled, free)
+    inside = 0.0 <= nx <= course.width and 0.0 <= ny <= course.height
+    ends = not inside or coherence < course.min_coherence
+    if ends:
+        nx, ny = _last_valid(course, way.x, way.y, way.kx * step, way.ky * step, nx, ny, k4x * step, k4y * step)
+        if not (nx - way.x) ** 2 + (ny - way.y) ** 2 > 1e-4:
+            return Way(False, at, way.x, way.y, way.ux, way.uy, way.kx, way.ky, step, way.travelled, free)
+    at += stride
+    points[at, 0], points[at, 1] = nx, ny
+    if ends or (k4x == 0.0 and k4y == 0.0):
+        return Way(False, at, nx, ny, ux, uy, k4x, k4y, step, travelled, free)
+    # No root is needed to know that the longest step stays so if it could grow.
+    if travelled < reach and (step < course.max_step or error > STEADY * tolerance):
+        step = min(step * _growth(tolerance, error), course.max_step)
+    return Way(True, at, nx, ny, ux, uy, k4x, k4y, step, travelled, free)
 
 
 @leaf
@@ -203,12 +309,7 @@ def _growth(tolerance: float, error: float) -> float:
 
 @leaf
 def _last_valid(
-    samples: NDArray[np.float32],
-    scale: float,
-    width: int,
-    height: int,
-    aligned: bool,
-    min_coherence: float,
+    course: Course,
     x0: float,
     y0: float,
     dx0: float,
@@ -227,15 +328,15 @@ def _last_valid(
         h10, h11 = s * (1 - s) * (1 - s), s * s * (s - 1)
         x = h00 * x0 + h10 * dx0 + h01 * x1 + h11 * dx1
         y = h00 * y0 + h10 * dy0 + h01 * y1 + h11 * dy1
-        inside = 0.0 <= x <= width and 0.0 <= y <= height
-        if inside and sample(samples, scale, aligned, x, y, dx0, dy0)[2] >= min_coherence:
+        inside = 0.0 <= x <= course.width and 0.0 <= y <= course.height
+        if inside and sample(course.samples, course.scale, course.aligned, x, y, dx0, dy0)[2] >= course.min_coherence:
             low, bx, by = s, x, y
         else:
             high = s
     return bx, by
 
 
-@leaf
+@inlined
 def sample(
     samples: NDArray[np.float32], scale: float, aligned: bool, x: float, y: float, hx: float, hy: float
 ) -> tuple[float, float, float]:
@@ -244,8 +345,9 @@ def sample(
     (0, 0) where the four neighbours cancel. Outside the outermost samples the field is constant.
     """
     rows, cols = samples.shape[0], samples.shape[1]
-    fx = min(max(x / scale - 0.5, 0.0), cols - 1.0)
-    fy = min(max(y / scale - 0.5, 0.0), rows - 1.0)
+    per_px = 1.0 / scale
+    fx = min(max(x * per_px - 0.5, 0.0), cols - 1.0)
+    fy = min(max(y * per_px - 0.5, 0.0), rows - 1.0)
     j0, i0 = max(int(fx), 0), max(int(fy), 0)
     j1, i1 = j0 + (1 if j0 + 1 < cols else 0), i0 + (1 if i0 + 1 < rows else 0)
     tx, ty = fx - j0, fy - i0
@@ -261,7 +363,7 @@ def sample(
     return ux / norm, uy / norm, coherence
 
 
-@leaf
+@inlined
 def _added(
     samples: NDArray[np.float32],
     i: int,
@@ -282,7 +384,7 @@ def _added(
     return ux + weight * vx, uy + weight * vy, coherence
 
 
-@leaf
+@inlined
 def _deviated(
     ux: float, uy: float, coherence: float, wander: float, bend: float, key: np.uint64, s: float
 ) -> tuple[float, float]:

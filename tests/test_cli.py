@@ -823,11 +823,11 @@ def test_a_folder_is_no_strokes_file(refused: Refused, folder: Path) -> None:
         (("plan",), ("Usage: strokeplan plan", "Missing argument", "IMAGE")),
         (("plan", "photo.png"), ("Missing option", "--output")),
         (("plan", "photo.png", "-o", "out.svg", "--bogus"), ("No such option", "--bogus")),
-        (("plan", "photo.png", "-o", "out.svg", "--seed", "many"), ("--seed", "valid integer")),
+        (("plan", "photo.png", "-o", "out.svg", "--seed", "many"), ("--seed", "valid int")),
         (("plan", "photo.png", "-o", "out.svg", "--orientation", "up"), ("--orientation", "'up'", "tensor")),
         (("plan", "photo.png", "-o", "out.svg", "--seed"), ("--seed", "requires an argument")),
         (("plan", "photo.png", "another.png", "-o", "out.svg"), ("another.png",)),
-        (("render", "plan.json", "-o", "out.png", "--scale", "big"), ("--scale", "parse string")),
+        (("render", "plan.json", "-o", "out.png", "--scale", "big"), ("--scale", "valid")),
         (("bogus",), ("No such command", "bogus")),
         (("presets", "bogus"), ("No such command", "bogus")),
         (("--bogus",), ("No such option", "--bogus")),
@@ -960,6 +960,22 @@ def test_figures_that_cannot_be_drawn_are_refused(refused: Refused, arguments: t
     refused(arguments, words)
 
 
+@pytest.mark.parametrize("options", [(), ("--strokes", "1000"), ("--strokes", "50"), PAPER])
+def test_at_a_terminal_a_run_shows_its_progress_and_ends_well(folder: Path, options: tuple[str, ...]) -> None:
+    ours, theirs = pty.openpty()
+    start = [sys.executable, "-m", "strokeplan", "plan", "photo.png", "-o", "out.json", *options]
+    with subprocess.Popen(start, cwd=folder, stdout=theirs, stderr=theirs) as run:
+        os.close(theirs)
+        shown = b""
+        while said := heard(ours):
+            shown += said
+        os.close(ours)
+    assert run.returncode == 0, shown.decode()
+    assert b"layer " in shown
+    assert b"wrote out.json" in shown
+    assert b"error:" not in shown
+
+
 # Python ignores Ctrl-C where its parent does, as shells have it for jobs in the background.
 LISTENING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 CALL = "from strokeplan.cli import main; main()"
@@ -970,6 +986,7 @@ CALL = "from strokeplan.cli import main; main()"
     [
         ("paper", "layer 1 of 4", 0, False),
         ("fine", "layer 1 of 5", 0, False),
+        ("engraving", "drawing", 0.5, False),
         ("fine", "compiling the kernels", 2, True),
     ],
 )

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from strokeplan.coverage import cover
 from strokeplan.dashes import dash
 from strokeplan.hatching import END, STEP_MM, hatch
-from strokeplan.linework import NO_LINES, Lines, chains, joined
+from strokeplan.linework import NO_LINES, Lines, chains
 from strokeplan.mending import mend
 from strokeplan.rendering import Surface
 
@@ -115,7 +115,9 @@ def test_coverage_is_what_cairo_paints() -> None:
             context.line_to(x, y)
         context.stroke()
     painted = 1 - surface.picture()[..., 0] / 255
-    sheet = covered(lines)
+    sheet = flat(0)
+    for line in every(lines):  # they cross: one by one
+        cover(Lines(line, np.array([0, len(line)])), WIDTH, PIXEL, sheet)
     assert abs(float(sheet.mean() - painted.mean())) < 0.01
     assert np.abs(sheet - painted).mean() < 0.02
     assert np.abs(sheet - painted[::-1]).mean() > 0.1  # it can fail
@@ -125,8 +127,19 @@ def test_a_stroke_does_not_darken_itself_and_two_do() -> None:
     there_and_back = np.array([[5.0, 12.04], [15.0, 12.04], [5.0, 12.04]])
     once = covered(Lines(there_and_back[:2], np.array([0, 2])))
     assert np.array_equal(covered(Lines(there_and_back, np.array([0, 3]))), once)
-    twice = covered(joined([Lines(there_and_back[:2], np.array([0, 2]))] * 2))
+    twice = once.copy()
+    cover(Lines(there_and_back[:2], np.array([0, 2])), WIDTH, PIXEL, twice)
     assert np.allclose(twice, 1 - (1 - once) ** 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.05])
+def test_lines_side_by_side_leave_what_lies_between_them(gap: float) -> None:
+    """Gaps far below a pixel count in full, wherever they lie on the raster."""
+    apart = WIDTH + gap
+    tops = 6.0 + apart * np.arange(int(12 / apart))
+    ends = np.stack([np.stack([np.full_like(tops, -1), tops], 1), np.stack([np.full_like(tops, 25), tops], 1)], 1)
+    sheet = covered(Lines(ends.reshape(-1, 2), 2 * np.arange(len(tops) + 1)))
+    assert sheet[80:160].mean() == pytest.approx(WIDTH / apart, abs=0.01)
 
 
 # Dashes
@@ -159,29 +172,54 @@ def test_dashes_depend_on_the_seed_alone() -> None:
 # Mending
 
 
-def test_mending_lowers_the_difference_that_an_eye_sees() -> None:
-    lines = hatch(straight(0), 1.0, flat(1.0), PIXEL, **LENGTHS)  # 0.3 where 0.5 is wanted
-    sheet, sigma = covered(lines), 0.45
-    blocks = sheet.reshape(80, 3, 80, 3).mean(axis=(1, 3))
-    target = np.full_like(blocks, 0.5)
-    light = gaussian_filter(1 - blocks, sigma / 0.3)
-    more = mend(
-        straight(0), 1.0, light, target, blocks, 0.3, (SIDE, SIDE), WIDTH,
-        sigma_mm=sigma, lengths_mm=(3.0, 1.0), seed=0,
+def mended(lines: Lines, demand: NDArray[np.float32], degrees: float = 0) -> Lines:
+    target = 1 - demand.reshape(80, 3, 80, 3).mean(axis=(1, 3))
+    return mend(
+        lines, straight(degrees), 1.0, target, demand.shape, PIXEL, (SIDE, SIDE), WIDTH,
+        sigma_mm=0.45, lengths_mm=(3.0, 1.0), least_mm=2.0, seed=0,
     )  # fmt: skip
-    cover(more, WIDTH, PIXEL, sheet)
-    assert abs(inner(sheet) - 0.5) < 0.06
+
+
+def error(lines: Lines, demand: NDArray[np.float32]) -> float:
+    """Mean squared difference of blurred light to what was asked for, as Cairo paints the lines."""
+    surface = Surface(480, 480)
+    context = surface.context
+    context.set_source_rgb(0, 0, 0)
+    context.set_line_width(2 * WIDTH / PIXEL)
+    context.set_line_cap(1)
+    context.set_line_join(1)
+    for line in every(lines):
+        for x, y in line * 2 / PIXEL:
+            context.line_to(x, y)
+        context.stroke()
+    light = (surface.picture()[..., 0] / 255).reshape(240, 2, 240, 2).mean(axis=(1, 3))
+    return float(((gaussian_filter(light, 4.5) - gaussian_filter(1 - demand, 4.5))[20:-20, 20:-20] ** 2).mean())
+
+
+@pytest.mark.parametrize(("separation", "wanted"), [(1.0, 0.5), (0.7, 0.3), (0.5, 0.8)])
+def test_mending_lowers_the_difference_that_an_eye_sees(separation: float, wanted: float) -> None:
+    """Where lines leave it too light, and where short ones make it too dark."""
+    demand = flat(wanted)
+    long, short = LENGTHS, LENGTHS | {"max_length_mm": 1.6}
+    lines = hatch(straight(0), 1.0, flat(separation), PIXEL, **(short if WIDTH / separation > wanted else long))
+    more = mended(lines, demand)
+    assert error(more, demand) < 0.5 * error(lines, demand)
+    assert abs(inner(covered(more)) - wanted) < 0.06
     assert more.points.min() >= 0
     assert more.points.max() <= SIDE
 
 
-def test_nothing_is_mended_where_tone_is_right() -> None:
-    light = np.full((40, 40), 0.5, np.float32)
-    blank = np.zeros_like(light)
-    none = mend(
-        straight(0), 1.0, light, light + 0.01, blank, 0.3, (12, 12), WIDTH, sigma_mm=0.45, lengths_mm=(1,), seed=0
-    )
-    assert len(none.starts) == 1
+def test_what_nobody_asked_for_goes_and_lines_keep_their_least_length() -> None:
+    dash = np.stack([np.arange(9) * STEP_MM + 5, np.full(9, 6.0)], 1)
+    line = np.stack([np.arange(60) * STEP_MM + 5, np.full(60, 12.0)], 1)
+    left = every(mended(Lines(np.concatenate([dash, line]), np.array([0, 9, 69])), flat(0)))
+    assert len(left) == 1
+    assert np.ptp(left[0][:, 0]) == pytest.approx(2.0, abs=6 * STEP_MM)
+    assert set(left[0][:, 1].round(9)) == {12.0}
+
+
+def test_nothing_is_added_to_bare_paper() -> None:
+    assert len(mended(NO_LINES, flat(0)).starts) == 1
 
 
 # Chains

@@ -32,7 +32,7 @@ def test_every_kernel_is_stamped_with_all_sources() -> None:
 
 def test_the_stamp_changes_with_any_module_that_holds_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "one.py").write_text("@kernel\ndef f(): return 1")
-    (tmp_path / "two.py").write_text("@kernel\ndef g(): return 2")
+    (tmp_path / "two.py").write_text("@inlined\ndef g(): return 2")
     (tmp_path / "plain.py").write_text("y = 2")
     (tmp_path / "room").mkdir()
     (tmp_path / "room" / "three.py").write_text("@kernel\ndef h(): return 3")
@@ -40,7 +40,7 @@ def test_the_stamp_changes_with_any_module_that_holds_kernels(tmp_path: Path, mo
     before = jit._sources.__wrapped__()
     (tmp_path / "plain.py").write_text("y = 3")
     assert jit._sources.__wrapped__() == before
-    (tmp_path / "two.py").write_text("@kernel\ndef g(): return 3")
+    (tmp_path / "two.py").write_text("@inlined\ndef g(): return 3")
     assert (changed := jit._sources.__wrapped__()) != before
     (tmp_path / "room" / "three.py").write_text("@kernel\ndef h(): return 4")
     assert jit._sources.__wrapped__() not in (before, changed)

@@ -301,6 +301,20 @@ def test_a_finished_picture_is_the_strokes_antialiased() -> None:
         assert np.array_equal(unpack(picture), expected)
 
 
+def test_what_a_close_look_has_painted_is_the_picture_that_is_finished() -> None:
+    """Also after strokes have been added, or taken away."""
+    for most in (None, 3):
+        work = unfinished()
+        work.pursuit.look_closely()
+        laid = work.paint(2, rules(5, gain=50.0), seed=1)
+        assert len(laid.counts) > 0
+        if most is not None:
+            work.pursuit.limit(most)
+        picture = work.pursuit.finish()
+        expected = np.floor(antialiased(seen_closely(work.pursuit), own_colours(work.pursuit)) + 0.5)
+        assert np.array_equal(unpack(picture), expected)
+
+
 def test_strokes_that_nobody_sees_go() -> None:
     work = unfinished()
     before, shown = work.pursuit.strokes, seen_closely(work.pursuit)

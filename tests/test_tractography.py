@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from strokeplan.field import OrientationField, orientation_field
-from strokeplan.tractography import MAX_STEP_PX, sample, splitmix64, track, tract_capacity
+from strokeplan.tractography import MAX_STEP_PX, Course, depart, sample, splitmix64, track, tract_capacity, travel
 
 
 def analytic_field(
@@ -177,6 +177,32 @@ def test_any_field_gives_a_sound_tract(seed: int, both_ways: bool, aligned: bool
     assert np.hypot(*np.diff(tract, axis=0).T).max(initial=0) <= 1.5 * MAX_STEP_PX
     assert length(tract) <= 40 * 1.01
     assert len(tract) <= tract_capacity(40)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    both_ways=st.booleans(),
+    wander=st.sampled_from([0.0, 1.0]),
+    part=st.sampled_from([0.05, 0.3, 0.5]),
+)
+def test_a_tract_followed_on_is_the_tract_followed_at_once(
+    seed: int, both_ways: bool, wander: float, part: float
+) -> None:
+    """To the bit, wherever the first reach cut a step short."""
+    field = analytic_field(40, 40, 0.0)
+    rng = np.random.default_rng(seed)
+    angles = 1.5 * rng.random() + np.cumsum(rng.normal(scale=0.3, size=field.samples.shape[:2]), axis=1)
+    certain = rng.random(angles.shape) ** 0.2
+    samples = np.stack([np.cos(angles), np.sin(angles), certain], axis=-1).astype(np.float32)
+    course = Course(samples, field.scale, 40, 40, 0.2, 0.05, MAX_STEP_PX, True, wander, 10.0, np.uint64(seed))
+    start, reach = 40 * rng.random(2), 15.0
+    points = np.empty((tract_capacity(30), 2))
+    ahead, back = depart(course, *start, both_ways, points)
+    first, last, _, _ = travel(course, ahead, back, reach, points)
+    at_once = points[first:last].copy()
+    _, _, ahead, back = travel(course, ahead, back, part * reach, points)
+    first, last, _, _ = travel(course, ahead, back, reach, points)
+    assert np.array_equal(points[first:last], at_once)
 
 
 # Wandering

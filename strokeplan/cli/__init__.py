@@ -9,6 +9,7 @@ import gc
 import os
 import sys
 import warnings
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -18,11 +19,13 @@ from strokeplan.cli import (
     driving,
     inkscape,
     inspection,
+    pen,
     planning,
     presets,
     preview,
     profiles,
     rendering,
+    setup,
     simulating,
 )
 from strokeplan.errors import StrokeplanError
@@ -70,10 +73,34 @@ app.command("preview")(preview.preview)
 app.command("plot")(driving.plot)
 app.command("resume")(driving.resume)
 app.add_typer(driving.jobs_app, name="jobs")
+app.command("ports")(setup.ports)
+app.command("jog", context_settings={"ignore_unknown_options": True})(setup.jog)
+app.command("home")(setup.home)
+app.command("frame")(setup.frame)
+app.command("origin")(setup.origin)
+app.add_typer(pen.app, name="pen")
 app.command("simulate")(simulating.simulate)
 app.add_typer(presets.app, name="presets")
 app.add_typer(profiles.app, name="profiles")
 app.add_typer(inkscape.app, name="inkscape")
+
+
+def run() -> None:
+    """The command line as a process of its own: `main`, and then the end at once.
+
+    Python would first free every object there is, one by one, which costs 0.1 s once Numba has been imported.
+    """
+    try:
+        main()
+    except SystemExit as ended:
+        code = ended.code or 0
+        if isinstance(code, str):
+            raise  # Python prints it
+        with suppress(OSError, ValueError):  # nobody listens any more: Python has its own way to say so
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        raise
 
 
 def main() -> None:
@@ -81,7 +108,7 @@ def main() -> None:
     # No command does linear algebra; the threads that NumPy's library would start for it cost 0.2 s of CPU.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Importing Numba makes 200,000 objects that stay: to look for garbage among them again and again costs 0.07 s.
-    gc.set_threshold(100_000)
+    gc.set_threshold(1_000_000)
     warnings.showwarning = lambda message, *_: typer.echo(f"note: {message}", err=True)
     try:
         app(prog_name="strokeplan")  # ends in SystemExit; Typer itself reports errors of usage, with exit code 2

@@ -15,6 +15,7 @@ import typer
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
+    from strokeplan.ink import Progress as Drawing
     from strokeplan.planner import Progress
 
 Result = TypeVar("Result")
@@ -80,7 +81,22 @@ def painting_bar(quiet: bool, what: str = "painting") -> Iterator[Callable[..., 
 
     with Bar(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what)
-        yield lambda done, total=1.0: bar.update(task, completed=done, total=total)
+        yield lambda done, total=1.0, **said: bar.update(task, completed=done, total=total, **said)
+
+
+@contextmanager
+def drawing_bar(quiet: bool) -> Iterator[Callable[[Drawing], None] | None]:
+    """A progress callback for drawing in ink; a budget takes several drawings. None where nobody looks."""
+    with painting_bar(quiet, "drawing") as show:
+        if show is None:
+            yield None
+            return
+
+        def tell(step: Drawing) -> None:
+            what = "drawing" if step.drawing == 1 else f"drawing {step.drawing}, for the budget"
+            show(step.done, step.total, description=what)
+
+        yield tell
 
 
 def compile_kernels(stage: Literal["planner", "ink"] = "planner") -> None:

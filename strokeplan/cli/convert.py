@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
-import typer
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from strokeplan.formats.options import ExportOptions
 
 from strokeplan.cli.console import echo_written
-from strokeplan.cli.machines import export_machine, machine_rows, plot_options
+from strokeplan.cli.machines import echo_rows, export_machine, machine_rows, plot_options, refuse
 from strokeplan.cli.options import (
     ClassesOption,
     ClipOption,
     DateOption,
+    DryRunOption,
     ExportsOption,
     GroupBy,
     GroupOption,
+    HiddenOption,
     KeepOrderOption,
     LandscapeOption,
     MarginOption,
     MirrorOption,
+    NearestPensOption,
     OutlineOption,
     PageOption,
     PenFilesOption,
+    PenWidthOption,
     PlanArgument,
     PrecisionOption,
     ProfileOption,
     RotateOption,
     ScaleOption,
     SlotsOption,
+    StrokeLinesOption,
     UnitsOption,
     WithinOption,
 )
@@ -49,21 +59,35 @@ def export(
     scale: ScaleOption = None,
     within: WithinOption = None,
     keep_order: KeepOrderOption = False,
+    strokes: StrokeLinesOption = None,
+    hidden: HiddenOption = None,
+    pens: NearestPensOption = None,
+    pen_width: PenWidthOption = None,
     pen: SlotsOption = None,
     file_per_pen: PenFilesOption = False,
     date: DateOption = None,
+    dry_run: DryRunOption = False,
 ) -> None:
     """Write a strokes file in other formats, or for a machine; an option must be one that every output knows."""
-    from strokeplan import formats
-    from strokeplan.errors import InputError
-    from strokeplan.formats.options import ExportOptions
-    from strokeplan.page import parse_page
-
+    drawing = {"units": units, "precision": precision, "classes": classes, "outline": outline}
+    machine = {
+        "rotate": rotate,
+        "mirror": mirror,
+        "scale": scale,
+        "within": within,
+        "keep-order": keep_order,
+        "strokes": strokes,
+        "hidden": hidden,
+        "pens": pens,
+        "pen-width": pen_width,
+        "pen": pen,
+        "file-per-pen": file_per_pen,
+        "date": date,
+        "dry-run": dry_run,
+    }
     if profile is not None:
-        for name, given in (("units", units), ("precision", precision), ("classes", classes), ("outline", outline)):
-            if given:
-                raise InputError(f"a file for a machine has no option {name}; leave out --{name}")
-        plot = plot_options(
+        refuse(drawing, "a file for a machine has no option {0}; leave out --{0}")
+        options = plot_options(
             page,
             margin,
             landscape=landscape,
@@ -75,23 +99,35 @@ def export(
             by_colour=group_by is GroupBy.colour,
             keep_order=keep_order,
             slots=pen,
+            strokes=strokes.value if strokes else None,
+            hidden=hidden.value if hidden else None,
+            pens=pens,
+            pen_width=pen_width,
         )
-        echo_written(*export_machine(plan, output, profile, plot, by_pen=file_per_pen, date=date))
+        export_machine(plan, output, profile, options, by_pen=file_per_pen, date=date, dry_run=dry_run)
         return
-    if rotate or mirror or keep_order or pen or file_per_pen or any(x is not None for x in (scale, within, date)):
-        raise InputError(
-            "rotate, mirror, scale, within, keep-order, pen, file-per-pen and date are for machines: give --profile"
-        )
+    refuse(machine, "{0} is for machines: give --profile")
+    from strokeplan.formats.options import ExportOptions
+    from strokeplan.page import parse_page
 
-    options = ExportOptions(
-        precision=precision,
-        units=units.value if units else None,
-        page=parse_page(page, margin, landscape=landscape),
-        group_by=group_by.value,
-        classes=classes,
-        outline=outline,
-        clip=clip,
+    _write(
+        plan,
+        output,
+        ExportOptions(
+            precision=precision,
+            units=units.value if units else None,
+            page=parse_page(page, margin, landscape=landscape),
+            group_by=group_by.value,
+            classes=classes,
+            outline=outline,
+            clip=clip,
+        ),
     )
+
+
+def _write(plan: Path, output: Sequence[Path], options: ExportOptions) -> None:
+    from strokeplan import formats
+
     for path in output:
         formats.check_options(path, options)
         formats.check_target(path)
@@ -107,18 +143,40 @@ def info(
     margin: MarginOption = None,
     group_by: GroupOption = GroupBy.layer,
     keep_order: KeepOrderOption = False,
+    strokes: StrokeLinesOption = None,
+    hidden: HiddenOption = None,
+    pens: NearestPensOption = None,
+    pen_width: PenWidthOption = None,
 ) -> None:
     """Say what is in a strokes file, and what a machine would make of it: how long, how far, how many lifts."""
     from strokeplan import formats
-    from strokeplan.errors import InputError
     from strokeplan.strokes import describe
 
-    if profile is None and (page is not None or margin is not None or landscape or keep_order):
-        raise InputError("page, margin, landscape and keep-order are for machines: give --profile")
+    if profile is None:
+        machine = {
+            "page": page,
+            "margin": margin,
+            "landscape": landscape,
+            "keep-order": keep_order,
+            "strokes": strokes,
+            "hidden": hidden,
+            "pens": pens,
+            "pen-width": pen_width,
+        }
+        refuse(machine, "{0} is for machines: give --profile")
     loaded = formats.load(plan)
     rows = describe(loaded)
     if profile is not None:
-        by_colour = group_by is GroupBy.colour
-        options = plot_options(page, margin, landscape=landscape, by_colour=by_colour, keep_order=keep_order)
+        options = plot_options(
+            page,
+            margin,
+            landscape=landscape,
+            by_colour=group_by is GroupBy.colour,
+            keep_order=keep_order,
+            strokes=strokes.value if strokes else None,
+            hidden=hidden.value if hidden else None,
+            pens=pens,
+            pen_width=pen_width,
+        )
         rows += machine_rows(loaded, profile, options)
-    typer.echo("\n".join(f"{name:<11} {value}" for name, value in rows))
+    echo_rows(rows)

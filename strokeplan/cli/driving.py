@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from strokeplan.cli.machines import plot_options, program_rows
+from strokeplan.cli.machines import echo_report, plot_options
 from strokeplan.cli.options import (
     ClipOption,
     GroupBy,
@@ -39,7 +39,8 @@ MachineOption = Annotated[
     str, typer.Option("--profile", metavar="NAME|FILE", help="The machine; `strokeplan profiles` lists them.")
 ]
 PortOption = Annotated[
-    str | None, typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://….")
+    str | None,
+    typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://…, or auto."),
 ]
 BaudOption = Annotated[int | None, typer.Option("--baud", help="Of the port; by default what such machines have.")]
 DryRunOption = Annotated[
@@ -125,7 +126,7 @@ def plot(
     work = script(chosen, copies)
     codec = codec_for(machine, work.phrases(int(chosen.pen[0])))
     if not quiet or dry_run:
-        typer.echo("\n".join(f"{name:<11} {value}" for name, value in program_rows(chosen)))
+        echo_report(chosen)
     if dry_run or port is None:
         return
     files, order = _order(plan, profile, within, asked, chosen, work)
@@ -258,22 +259,25 @@ def _drive(
     from strokeplan.plotter.driving.codecs import baud_of
     from strokeplan.plotter.driving.jobs import journal
     from strokeplan.plotter.driving.link import Link
+    from strokeplan.plotter.driving.ports import chosen, keep_awake
     from strokeplan.plotter.driving.streamer import Streamer
     from strokeplan.plotter.driving.timetable import timetable
     from strokeplan.plotter.driving.transport import open_port
 
     table = timetable(work.program, work.copies)
+    port = chosen(port, machine)
     with (
-        _traced(trace) as record,
-        _opened(open_port(port, baud or baud_of(machine))) as transport,
+        traced(trace) as record,
+        opened(open_port(port, baud or baud_of(machine))) as transport,
         at_the_machine(table, yes=yes, quiet=quiet) as operator,
     ):
+        keep_awake(transport, awake=False)
         link = Link(transport, trace=record, emergency=operator.emergency)
         said = _met(link, codec, home=home)
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
         known = codec.kept or home
         where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
-        if not operator.ask(f"{place}; {where}"):
+        if not operator.ask(f"{place}; {where}{_believed(link, codec, work)}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
         log = journal(job, work)
@@ -299,8 +303,20 @@ def _met(link: Link, codec: Codec, *, home: bool) -> str:
     return said
 
 
+def _believed(link: Link, codec: Codec, work: Script) -> str:
+    """What the machine says of its place, where that is not its zero: what it says goes."""
+    from strokeplan.plotter.driving.codec import Locator
+
+    at = codec.place(link) if isinstance(codec, Locator) else None
+    if at is None or max(map(abs, at)) * work.unit_mm < 0.05:
+        return ""
+    return (
+        f" (the machine says that it is at X{at[0] * work.unit_mm:.2f} Y{at[1] * work.unit_mm:.2f}: that is believed)"
+    )
+
+
 @contextmanager
-def _opened(transport: Any) -> Iterator[Any]:
+def opened(transport: Any) -> Iterator[Any]:
     try:
         yield transport
     finally:
@@ -308,7 +324,7 @@ def _opened(transport: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _traced(path: Path | None) -> Iterator[IO[str] | None]:
+def traced(path: Path | None) -> Iterator[IO[str] | None]:
     from strokeplan.errors import OutputError
     from strokeplan.files import check_writable
 

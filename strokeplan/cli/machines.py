@@ -1,15 +1,19 @@
-"""What `export` and `info` do for a machine: parse, call, report."""
+"""What `export`, `info` and `preview` do for a machine: parse, call, report."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from strokeplan.cli.console import echo_written
+
 if TYPE_CHECKING:
-    from strokeplan.plotter.program import PlotOptions, Program
+    from strokeplan.pens import PenSet
+    from strokeplan.plotter.options import OwnPens, PlotOptions
+    from strokeplan.plotter.program import Program
     from strokeplan.strokes import StrokePlan
 
 
@@ -26,15 +30,27 @@ def plot_options(
     by_colour: bool = False,
     keep_order: bool = False,
     slots: Sequence[str] | None = None,
+    strokes: Literal["centre", "bundle"] | None = None,
+    hidden: Literal["keep", "remove"] | None = None,
+    pens: str | None = None,
+    pen_width: str | None = None,
 ) -> PlotOptions:
     """The options of a program, as the command line gives them."""
-    from strokeplan.page import parse_page
+    from strokeplan.page import parse_length, parse_page
     from strokeplan.plotter.layout import LayoutOptions, read_area
-    from strokeplan.plotter.program import PlotOptions
+    from strokeplan.plotter.options import PlotOptions
 
     sheet = parse_page(page, margin, landscape=landscape)
-    layout = LayoutOptions(sheet, rotate, mirror, scale, clip, None if within is None else read_area(within))
-    return PlotOptions(layout, by_colour, keep_order, tuple(_slot(text) for text in slots or ()))
+    return PlotOptions(
+        layout=LayoutOptions(sheet, rotate, mirror, scale, clip, None if within is None else read_area(within)),
+        by_colour=by_colour,
+        keep_order=keep_order,
+        slots=tuple(_slot(text) for text in slots or ()),
+        strokes=strokes or "centre",
+        hidden=hidden,
+        pens=None if pens is None else _pens(pens),
+        pen_width_mm=None if pen_width is None else parse_length(pen_width, "pen width"),
+    )
 
 
 def _slot(text: str) -> tuple[str, int]:
@@ -46,10 +62,29 @@ def _slot(text: str) -> tuple[str, int]:
     return name, int(slot)
 
 
+def _pens(text: str) -> PenSet | OwnPens | int:
+    from strokeplan.errors import InputError
+    from strokeplan.pens import load_pens
+
+    if text == "profile":
+        return "profile"
+    try:
+        return int(text[:9]) if text.isdecimal() else load_pens(text)
+    except InputError as error:
+        raise InputError(f"{error}, a number of pens, or 'profile'") from None
+
+
 def export_machine(
-    plan: Path, output: Sequence[Path], profile: str, options: PlotOptions, *, by_pen: bool, date: str | None
-) -> list[Path]:
-    """Write files for a machine, all or none, and say what it will do; what was written."""
+    plan: Path,
+    output: Sequence[Path],
+    profile: str,
+    options: PlotOptions,
+    *,
+    by_pen: bool,
+    date: str | None,
+    dry_run: bool,
+) -> None:
+    """Write files for a machine, all or none, and say what it will do; a dry run only says it."""
     from strokeplan import formats
     from strokeplan.files import check_writable
     from strokeplan.plotter.files import check_suffix, outputs, parse_date
@@ -59,27 +94,44 @@ def export_machine(
     machine, day = load_profile(profile), parse_date(date)
     for path in output:
         check_suffix(path, machine)
-        check_writable(path)
+        check_writable(path, plan)
     job = program(formats.load(plan), machine, options)
     files = [file for path in output for file in outputs(job, path, by_pen=by_pen, date=day)]
     for path, _ in files:
-        check_writable(path)
+        check_writable(path, plan)
+    echo_report(job)
+    if dry_run:
+        typer.echo("dry run: nothing is written")
+        return
     for path, data in files:
         formats.write(path, data)
-    typer.echo("\n".join(f"{name:<11} {value}" for name, value in program_rows(job)))
-    return [path for path, _ in files]
+    echo_written(*(path for path, _ in files))
+
+
+def echo_report(job: Program) -> None:
+    """Print the transform, bounds and estimate of a program: all that a dry run does."""
+    from strokeplan.plotter.report import report
+
+    echo_rows(report(job))
+
+
+def echo_rows(rows: Sequence[tuple[str, str]]) -> None:
+    typer.echo("\n".join(f"{name:<11} {value}" for name, value in rows))
 
 
 def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[tuple[str, str]]:
     """What the machine of a profile would do with a plan, as (name, text)."""
     from strokeplan.plotter.profile import load_profile
     from strokeplan.plotter.program import program
+    from strokeplan.plotter.report import report
 
-    return program_rows(program(plan, load_profile(profile), options))
+    return report(program(plan, load_profile(profile), options))
 
 
-def program_rows(job: Program) -> list[tuple[str, str]]:
-    """What a machine does with a program, as (name, text)."""
-    from strokeplan.plotter.estimate import estimate
+def refuse(given: Mapping[str, object], message: str) -> None:
+    """Raise InputError for the first option that has no place here."""
+    from strokeplan.errors import InputError
 
-    return [("machine", job.profile.description), ("page", job.transform.describe()), *estimate(job).rows()]
+    for name, value in given.items():
+        if value not in (None, False, 0):
+            raise InputError(message.format(name))

@@ -100,7 +100,7 @@ def at_the_machine(timetable: Timetable, *, yes: bool, quiet: bool) -> Iterator[
         operator = Operator(timetable, yes=yes, update=update)
         if operator.live and not quiet:
             typer.echo(KEYS_LINE, err=True)
-        with _single_keys(operator.live), _signals(operator.interrupted):
+        with single_keys(operator.live), signals_heard(operator.interrupted):
             yield operator
 
 
@@ -124,7 +124,7 @@ def _bar(quiet: bool) -> Iterator[Callable[..., None] | None]:
 
 
 @contextmanager
-def _single_keys(live: bool) -> Iterator[None]:
+def single_keys(live: bool) -> Iterator[None]:
     """Keys arrive as they are pressed, and are not shown; Ctrl-C stays a signal."""
     if not live:
         yield
@@ -142,7 +142,7 @@ def _single_keys(live: bool) -> Iterator[None]:
 
 
 @contextmanager
-def _signals(handler: Callable[..., None]) -> Iterator[None]:
+def signals_heard(handler: Callable[..., None]) -> Iterator[None]:
     heard: dict[int, Any] = {}
 
     def call(number: int, frame: FrameType | None) -> None:

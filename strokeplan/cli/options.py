@@ -25,6 +25,16 @@ class GroupBy(StrEnum):
     pen = "pen"
 
 
+class Strokes(StrEnum):
+    centre = "centre"
+    bundle = "bundle"
+
+
+class Hidden(StrEnum):
+    keep = "keep"
+    remove = "remove"
+
+
 ImageArgument = Annotated[
     Path, typer.Argument(metavar="IMAGE", help="The photo: JPEG, PNG, TIFF, WebP, BMP, GIF, PPM.")
 ]
@@ -78,6 +88,14 @@ PensOption = Annotated[
 MaxLengthOption = Annotated[
     str | None,
     typer.Option("--max-length", metavar="LENGTH", help="Ink: the best drawing with lines of that length: 120m, 80cm."),
+]
+MaxTimeOption = Annotated[
+    str | None,
+    typer.Option("--max-time", metavar="TIME", help="Ink: the best that --profile draws in 90min, 1h30m, 1.5h."),
+]
+InkProfileOption = Annotated[
+    str | None,
+    typer.Option("--profile", metavar="NAME|FILE", help="Ink: a machine, for its page, pens and time."),
 ]
 MaskOption = Annotated[
     Path | None,
@@ -148,4 +166,23 @@ SlotsOption = Annotated[
 PenFilesOption = Annotated[bool, typer.Option("--file-per-pen", help="A file for every pen, named after it.")]
 DateOption = Annotated[
     str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="For the header; by default SOURCE_DATE_EPOCH's.")
+]
+StrokeLinesOption = Annotated[
+    Strokes | None,
+    typer.Option("--strokes", help="Of paint: its middle (default), or a bundle of passes that inks its area."),
+]
+HiddenOption = Annotated[
+    Hidden | None, typer.Option("--hidden", help="What later strokes of paint cover; removed by default from bundles.")
+]
+NearestPensOption = Annotated[
+    str | None,
+    typer.Option(
+        "--pens", metavar="SET|FILE|K|profile", help="Colours become the nearest pen's: black, cmyk …, .toml, K pens."
+    ),
+]
+PenWidthOption = Annotated[
+    str | None, typer.Option("--pen-width", metavar="LENGTH", help="Of all pens: 0.5 (mm), 0.5mm, 0.02in.")
+]
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="Say where it goes and how long it takes; write nothing.")
 ]

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from strokeplan.cli.console import begin, compile_kernels, echo_written, planning_bar
+from strokeplan.cli.console import begin, compile_kernels, drawing_bar, echo_written, planning_bar
 from strokeplan.cli.options import (
     DetailOption,
     ImageArgument,
+    InkProfileOption,
     LandscapeOption,
     MarginOption,
     MaskOption,
     MaxLengthOption,
+    MaxTimeOption,
     OrientationOption,
     OutputsOption,
     PageOption,
@@ -32,7 +34,9 @@ from strokeplan.cli.options import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from strokeplan.image import Photo
     from strokeplan.ink_presets import InkRecipe
+    from strokeplan.page import Page
     from strokeplan.planner import Report
     from strokeplan.strokes import StrokePlan
 
@@ -58,6 +62,8 @@ def plan(
     pen: PenOption = None,
     pens: PensOption = None,
     max_length: MaxLengthOption = None,
+    max_time: MaxTimeOption = None,
+    profile: InkProfileOption = None,
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -66,6 +72,7 @@ def plan(
     import msgspec
 
     from strokeplan import budget, formats, presets
+    from strokeplan.image import load_photo
     from strokeplan.ink_presets import find_ink
     from strokeplan.palette import parse_palette
     from strokeplan.resolution import load_for
@@ -74,10 +81,12 @@ def plan(
         formats.check_target(path, image)
     if (inked := find_ink(preset)) is not None:
         _refuse("ink", orientation=orientation, detail=detail, palette=palette, mask=mask)
-        inked = _ink_recipe(inked, seed, strokes, settings, (page, margin, landscape), pen, pens, max_length)
-        _draw(image, inked, output, quiet, began)
+        inked = _with_budgets(inked, seed, strokes, max_length, max_time, profile)
+        photo = load_photo(image)
+        inked = _on_paper(inked, photo, settings, (page, margin, landscape), pen, pens)
+        _draw(photo, inked, output, threads, quiet, began)
         return
-    given = {"landscape": landscape or None, "max-length": max_length}
+    given = {"landscape": landscape or None, "max-length": max_length, "max-time": max_time, "profile": profile}
     _refuse("paint", page=page, margin=margin, pen=pen, pens=pens, **given)
     recipe = presets.load_recipe(preset)
     style = presets.style(recipe.preset, settings)
@@ -93,7 +102,10 @@ def plan(
     read = perf_counter() - waiting
     formats.check_canvas(output, photo.width, photo.height)
     compile_kernels()
-    begin(formats.prepare, output)  # while kernels run
+    # While this thread runs kernels, for which no other thread of Python has to wait.
+    if style.keep == "gain":
+        begin(planner.load_kernels)
+    begin(formats.prepare, output)
     reports: list[Report] = []
     with planning_bar(quiet) as progress:
         painted = planner.plan(
@@ -106,7 +118,7 @@ def plan(
             mask=mask,
             threads=threads,
             progress=progress,
-            report=reports.append,
+            report=None if quiet else reports.append,
         )
     writing = perf_counter()
     formats.save_all(painted, output)
@@ -131,49 +143,73 @@ def _refuse(medium: str, **options: object) -> None:
             raise InputError(f"--{name} is not for presets of {medium}; leave it out, or give a preset of {other}")
 
 
-def _ink_recipe(
+def _with_budgets(
     recipe: InkRecipe,
     seed: int | None,
     strokes: int | None,
+    max_length: str | None,
+    max_time: str | None,
+    profile: str | None,
+) -> InkRecipe:
+    """A recipe with the seed and the budgets of the command line."""
+    from strokeplan.ink_budget import parse_time
+    from strokeplan.page import parse_length
+
+    return recipe.changed(
+        seed=seed,
+        strokes=strokes,
+        max_length_mm=None if max_length is None else parse_length(max_length, "max-length"),
+        max_time_s=None if max_time is None else parse_time(max_time),
+        profile=profile,
+    )
+
+
+def _on_paper(
+    recipe: InkRecipe,
+    photo: Photo,
     settings: list[str] | None,
     page: tuple[str | None, str | None, bool],
     pen: str | None,
     pens: str | None,
-    max_length: str | None,
 ) -> InkRecipe:
-    """A recipe with what the command line changes in it."""
+    """A recipe with what the command line changes in its style, page and pens."""
+    from strokeplan import drawing
     from strokeplan.ink_presets import override_ink
     from strokeplan.page import parse_length, parse_page
     from strokeplan.pens import load_pens
     from strokeplan.presets import parse_assignments
 
+    machine = drawing.machine(recipe)
     size, margin, landscape = page
-    sheet = parse_page(size, DEFAULT_MARGIN if size and margin is None else margin, landscape=landscape)
+    if machine is not None and size is None and margin is not None:
+        sheet: Page | None = drawing.page_for(photo, machine, parse_length(margin, "margin"))
+    else:
+        sheet = parse_page(size, DEFAULT_MARGIN if size and margin is None else margin, landscape=landscape)
     style = override_ink(recipe.preset, parse_assignments(settings or []))
     chosen = load_pens(pens) if pens else recipe.pens or load_pens(style.pens)
-    return recipe._replace(preset=style).changed(
-        seed=seed,
-        strokes=strokes,
-        page=sheet,
-        pens=chosen.with_width(parse_length(pen, "pen")) if pen else chosen,
-        max_length_mm=None if max_length is None else parse_length(max_length, "max-length"),
-    )
+    if pen:
+        chosen = chosen.with_width(parse_length(pen, "pen"))
+    elif machine is not None and (pens or recipe.pens is None):
+        chosen = drawing.pens_of(machine, chosen)
+    return recipe._replace(preset=style).changed(page=sheet, pens=chosen)
 
 
-def _draw(image: Path, recipe: InkRecipe, output: list[Path], quiet: bool, began: float) -> None:
+def _draw(photo: Photo, recipe: InkRecipe, output: list[Path], threads: int | None, quiet: bool, began: float) -> None:
     """Draw a photo in ink and write it."""
-    from strokeplan import formats
-    from strokeplan.image import load_photo
-
-    photo = load_photo(image)
-    from strokeplan import ink
+    from strokeplan import drawing, formats, ink_budget
+    from strokeplan.plotter.estimate import clock
 
     compile_kernels("ink")
-    drawing = ink.draw(photo, recipe)
-    formats.save_all(drawing, output)
+    with drawing_bar(quiet) as progress:
+        drawn = drawing.draw(photo, recipe, threads=threads, progress=progress)
+    formats.save_all(drawn, output)
     if not quiet:
-        metres = ink.length_mm(drawing) / 1000
-        typer.echo(f"{len(drawing):,} strokes, {metres:.1f} m of ink, {perf_counter() - began:.1f} s")
+        metres = ink_budget.length_mm(drawn) / 1000
+        machine = drawing.machine(recipe)
+        told = [f"{len(drawn):,} strokes, {metres:.1f} m of ink"]
+        if machine is not None:
+            told.append(f"{clock(drawing.time_of(drawn, machine))} with {machine.name}")
+        typer.echo(", ".join([*told, f"{perf_counter() - began:.1f} s"]))
         echo_written(*output)
 
 

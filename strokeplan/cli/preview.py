@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from strokeplan.cli.console import echo_written, painting_bar
-from strokeplan.cli.options import PlanArgument, QuietOption
+from strokeplan.cli.machines import plot_options, refuse
+from strokeplan.cli.options import (
+    HiddenOption,
+    KeepOrderOption,
+    LandscapeOption,
+    MarginOption,
+    MirrorOption,
+    NearestPensOption,
+    PageOption,
+    PenWidthOption,
+    PlanArgument,
+    ProfileOption,
+    QuietOption,
+    RotateOption,
+    StrokeLinesOption,
+)
+
+if TYPE_CHECKING:
+    from strokeplan.plotter.options import PlotOptions
+    from strokeplan.preview.plotting import Plot
+    from strokeplan.strokes import StrokePlan
 
 
 def preview(
@@ -24,22 +44,76 @@ def preview(
     fps: Annotated[float, typer.Option("--fps", help="Its frames a second, at most 50.")] = 20.0,
     width: Annotated[int | None, typer.Option("--width", help="Its width in pixels; by default up to 800.")] = None,
     quiet: QuietOption = False,
+    profile: ProfileOption = None,
+    page: PageOption = None,
+    landscape: LandscapeOption = False,
+    margin: MarginOption = None,
+    rotate: RotateOption = 0,
+    mirror: MirrorOption = False,
+    keep_order: KeepOrderOption = False,
+    lines: StrokeLinesOption = None,
+    hidden: HiddenOption = None,
+    pens: NearestPensOption = None,
+    pen_width: PenWidthOption = None,
 ) -> None:
-    """Watch a strokes file being painted: a page that plays it, a time lapse."""
+    """Watch a strokes file being painted, or with --profile plotted: a page that plays it, a time lapse."""
     _check_targets(plan, output, video, open_page)
     from strokeplan import formats
     from strokeplan.preview import save_page, save_time_lapse
 
-    strokes = formats.load(plan)
+    asked = {
+        "page": page,
+        "margin": margin,
+        "landscape": landscape,
+        "rotate": rotate,
+        "mirror": mirror,
+        "keep-order": keep_order,
+        "strokes": lines,
+        "hidden": hidden,
+        "pens": pens,
+        "pen-width": pen_width,
+    }
+    strokes, plot = formats.load(plan), None
+    if profile is None:
+        refuse(asked, "{0} is for machines: give --profile")
+    else:
+        options = plot_options(
+            page,
+            margin,
+            landscape=landscape,
+            rotate=rotate,
+            mirror=mirror,
+            keep_order=keep_order,
+            strokes=lines.value if lines else None,
+            hidden=hidden.value if hidden else None,
+            pens=pens,
+            pen_width=pen_width,
+        )
+        strokes, plot = _plotted(strokes, profile, options)
     if video is not None:
         with painting_bar(quiet, "time lapse") as progress:
             save_time_lapse(strokes, video, seconds=seconds, fps=fps, width=width, progress=progress)
     if output is not None:
-        save_page(strokes, output)
+        save_page(strokes, output, plot)
     if not quiet:
         echo_written(*(path for path in (output, video) if path is not None))
     if output is not None and open_page:
         _open(output)
+
+
+def _plotted(plan: StrokePlan, profile: str, options: PlotOptions) -> tuple[StrokePlan, Plot]:
+    """The lines that the machine of a profile draws, and what the page shows beside them."""
+    from strokeplan.pens import PenSet
+    from strokeplan.plotter.profile import load_profile
+    from strokeplan.plotter.program import program
+    from strokeplan.preview.plotting import plot_of
+    from strokeplan.strokes import hex_to_rgb
+
+    ink = any(layer.medium == "ink" for layer in plan.layers)
+    paper = plan.background if ink else (255, 255, 255)
+    if isinstance(options.pens, PenSet):
+        paper = hex_to_rgb(options.pens.paper)
+    return plot_of(program(plan, load_profile(profile), options), paper)
 
 
 def _check_targets(plan: Path, output: Path | None, video: Path | None, open_page: bool) -> None:

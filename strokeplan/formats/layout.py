@@ -41,13 +41,8 @@ class Layout:
         filled = np.ones(len(plan), np.bool_) if every else plan.has_pressure
         if not filled.any():
             return self.points, plan.starts, filled
-        half = np.repeat(0.5 * self.widths, plan.knots)
-        if plan.pressures is not None:
-            half *= np.where(np.isnan(plan.pressures), 1.0, plan.pressures)
-        round_caps = np.zeros(len(plan), np.bool_)
-        for layer in plan.layers:
-            round_caps[layer.first : layer.last] = layer.cap == "round"
-        points, starts = outline_strokes(self.points, plan.starts, half, filled, round_caps, tolerance)
+        half = plan.half_widths * self.scale
+        points, starts = outline_strokes(self.points, plan.starts, half, filled, plan.round_caps, tolerance)
         return points, starts, filled
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
 from strokeplan.plotter.program import Program
+from strokeplan.plotter.segments import with_values
 from strokeplan.plotter.tools import Brush, Well
 
 
@@ -82,18 +83,10 @@ def visit_s(program: Program, visit: Visit) -> float:
 
 def heights(program: Program, tool: Brush) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (v, 3) and starts (m + 1,): the lines with the height of the brush, ramps at both ends."""
-    knots = 3 * np.arange(len(program.radii)) - 2 * np.repeat(np.arange(len(program)), np.diff(program.starts) // 3 + 1)
-    z = np.empty(len(program.points))
-    width = 2 * program.radii
-    part = (width - tool.touch_width_mm) / (tool.press_width_mm - tool.touch_width_mm)
-    z[knots] = tool.touch_mm + np.clip(part, 0, 1) * (tool.press_mm - tool.touch_mm)
-    inner = np.ones(len(z), np.bool_)
-    inner[knots] = False
-    handles = np.flatnonzero(inner)[::2]
-    before, after = z[handles - 1], z[handles + 2]
-    z[handles], z[handles + 1] = (2 * before + after) / 3, (before + 2 * after) / 3
+    part = (2 * program.radii - tool.touch_width_mm) / (tool.press_width_mm - tool.touch_width_mm)
+    z = tool.touch_mm + np.clip(part, 0, 1) * (tool.press_mm - tool.touch_mm)
     tolerance = program.profile.tolerance_mm
-    vertices, starts = flatten_all(np.column_stack([program.points, z]), program.starts, tolerance)
+    vertices, starts = flatten_all(with_values(program.points, program.starts, z), program.starts, tolerance)
     lines = [_ramped(vertices[a:b], tool) for a, b in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)]
     return np.concatenate(lines), np.cumsum([0, *(len(line) for line in lines)], dtype=np.int64)
 

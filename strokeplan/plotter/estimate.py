@@ -1,18 +1,22 @@
 """How long a program takes and how far it goes, by the planner of motion.py: before anything is drawn.
 
-Known limits: what a person does at the machine is the profile's assumption (change.wait_s); visits to the wells are
-counted at the speed of travel.
+Known limits: what a person does at the machine is the profile's assumption (change.wait_s); a slow line to the machine
+is not modelled.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from strokeplan.plotter import motion
-from strokeplan.plotter.brush import visit_s, visits
-from strokeplan.plotter.program import Program, limits, pen_moves_s
+from strokeplan.plotter.program import Program
+from strokeplan.plotter.route import route_of
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,28 +57,29 @@ def clock(seconds: float) -> str:
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
-def motion_of(program: Program) -> motion.Motion:
-    """The motion of a program's lines, without what happens between them."""
-    points, starts = program.polylines
-    down_s, up_s = pen_moves_s(program.profile)
-    return motion.plan(points, starts, limits(program.profile), program.feeds, pen=motion.Pen(down_s, up_s))
-
-
 def estimate(program: Program) -> Estimate:
-    """What the machine of the program's profile needs for it."""
-    moved = motion_of(program)
-    stops = visits(program)
+    """What the machine of the program's profile needs for it, from its start to where it ends."""
+    route = route_of(program)
+    lines = route.line >= 0
+    took = route.took_s[lines]
+    moved = route.motion
     length = np.hypot(*(moved.end - moved.begin).T)
-    changes = len(program.changes) - 1
-    between = changes * program.profile.change.wait_s + sum(visit_s(program, stop) for stop in stops)
     return Estimate(
         strokes=program.strokes,
         lifts=len(program),
-        pen_changes=changes,
-        refills=sum(stop.kind == "dip" for stop in stops),
+        pen_changes=len(program.changes) - 1,
+        refills=sum(stop.kind == "dip" for stop in route.stops),
         drawn_m=float(length[moved.down].sum()) / 1000,
         travelled_m=float(length[~moved.down].sum()) / 1000,
-        total_s=moved.total_s + between,
-        layers_s=tuple((program.layers[k], seconds) for k, seconds in moved.by(program.layer).items()),
-        pens_s=tuple((program.pens[k].name, seconds) for k, seconds in moved.by(program.pen).items()),
+        total_s=float(route.took_s.sum()),
+        layers_s=tuple((name, float(s)) for name, s in _sums(program.layers, program.layer, took)),
+        pens_s=tuple((pen.name, float(s)) for pen, s in _sums(program.pens, program.pen, took)),
     )
+
+
+def _sums(
+    items: tuple[Item, ...], member: NDArray[np.int64], took: NDArray[np.float64]
+) -> Iterator[tuple[Item, float]]:
+    """What the lines of each item take, of those that have any."""
+    sums, counts = np.bincount(member, took, len(items)), np.bincount(member, minlength=len(items))
+    return ((item, s) for item, s, count in zip(items, sums.tolist(), counts.tolist(), strict=True) if count)

@@ -9,12 +9,13 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strokeplan.curves import flatten_all
-from strokeplan.errors import MissingExtraError, PlotError, StrokeplanWarning
+from strokeplan.errors import PlotError, StrokeplanWarning
 from strokeplan.page import Page, Placement
-from strokeplan.strokes import Layer, StrokePlan
+from strokeplan.plotter.areas import lines_of, require_shapely
+from strokeplan.plotter.cutting import rebuilt
+from strokeplan.strokes import StrokePlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,77 +113,21 @@ def _box(canvas: tuple[float, float, float, float], page: Page) -> Any:
     return shapely.intersection(room, shapely.box(*canvas))
 
 
-def require_shapely() -> Any:
-    """The shapely module, or a MissingExtraError that says how to get it."""
-    try:
-        import shapely
-    except ImportError:
-        raise MissingExtraError("clipping needs shapely: pip install 'strokeplan[plotter]'") from None
-    return shapely
-
-
 def clip(plan: StrokePlan, area: Any, tolerance: float) -> StrokePlan:
     """The plan within a shapely polygon: strokes that lie in it stay as they are, those that cross its border become
     polylines within `tolerance`, in pieces. Raises PlotError if nothing is left."""
     shapely = require_shapely()
-    vertices, begins = flatten_all(plan.points, plan.starts, tolerance)
-    lines = shapely.linestrings(vertices, indices=np.repeat(np.arange(len(plan)), np.diff(begins)))
+    lines = lines_of(plan.points, plan.starts, tolerance)
     shapely.prepare(area)
     inside = shapely.covers(area, lines)
     crossing = np.flatnonzero(~inside & shapely.intersects(area, lines))
-    cut = dict(zip(crossing.tolist(), shapely.intersection(lines[crossing], area), strict=True))
-    pieces = [[plan.stroke(i)] if inside[i] else _chains(cut.get(i), shapely) for i in range(len(plan))]
-    kept = np.array([len(chains) for chains in pieces], np.int64)
-    if not kept.sum():
+    parts, index = shapely.get_parts(shapely.line_merge(shapely.intersection(lines[crossing], area)), return_index=True)
+    some = shapely.length(parts) > 0  # a stroke that only touches the border leaves a point
+    vertices, piece = shapely.get_coordinates(parts[some], return_index=True)
+    cut, _ = rebuilt(plan, inside, vertices, np.bincount(piece, minlength=int(some.sum())), crossing[index[some]])
+    if not len(cut):
         raise PlotError("nothing of the drawing lies within the area it is cut to")
-    return _rebuilt(plan, [chain for chains in pieces for chain in chains], kept)
-
-
-def _chains(geometry: Any, shapely: Any) -> list[NDArray[np.float64]]:
-    """The lines of a geometry as chains of straight cubics."""
-    if geometry is None:
-        return []
-    parts = shapely.get_parts(shapely.line_merge(geometry) if geometry.geom_type == "MultiLineString" else geometry)
-    lines = [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString"]
-    return [straight(line) for line in lines if len(line) > 1]
-
-
-def straight(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A polyline (n, d) as a chain of cubics (3n − 2, d)."""
-    chain = np.empty((3 * len(line) - 2, line.shape[1]))
-    chain[::3] = line
-    chain[1::3], chain[2::3] = (2 * line[:-1] + line[1:]) / 3, (line[:-1] + 2 * line[1:]) / 3
-    return chain
-
-
-def _rebuilt(plan: StrokePlan, chains: list[NDArray[np.float64]], kept: NDArray[np.int64]) -> StrokePlan:
-    """The plan with kept[i] of the chains in the place of stroke i. Pieces have their stroke's mean pressure."""
-    source = np.repeat(np.arange(len(plan)), kept)
-    ends = np.concatenate([[0], np.cumsum(kept)])
-    layers = tuple(replace(layer, first=int(ends[layer.first]), last=int(ends[layer.last])) for layer in plan.layers)
-    return replace(
-        plan,
-        points=np.concatenate(chains),
-        starts=np.cumsum([0, *(len(chain) for chain in chains)], dtype=np.int64),
-        widths=plan.widths[source],
-        colors=plan.colors[source],
-        layers=tuple(Layer(k.name, k.first, k.last, k.medium, k.cap) for k in layers),
-        pressures=None if plan.pressures is None else _pressures(plan, plan.pressures, chains, source),
-        angles=None,
-        pens=None if plan.pens is None else tuple(plan.pens[i] for i in source.tolist()),
-    )
-
-
-def _pressures(
-    plan: StrokePlan, values: NDArray[np.float64], chains: list[NDArray[np.float64]], source: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """What each chain has of its stroke's pressure: all of it if it is as long, else the mean."""
-    columns = []
-    for chain, i in zip(chains, source.tolist(), strict=True):
-        own = values[plan.first_knots[i] : plan.first_knots[i + 1]]
-        whole = len(chain) == plan.counts[i] and bool(np.all(chain == plan.stroke(i)))
-        columns.append(own if whole else np.full(len(chain) // 3 + 1, own.mean()))
-    return np.concatenate(columns)
+    return cut
 
 
 def read_area(path: str | os.PathLike[str], tolerance_mm: float = 0.05) -> Any:

@@ -53,6 +53,12 @@ class PageTransform:
         moved: NDArray[np.float64] = (points - self.corner) @ axes.T + self.offset_mm
         return moved
 
+    def page_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) points of the machine, as (n, 2) points of the page: the inverse of `points`."""
+        axes = np.array([_VECTORS[self.axes[0]], _VECTORS[self.axes[1]]])
+        moved: NDArray[np.float64] = (points - np.array(self.offset_mm)) @ axes + self.corner
+        return moved
+
     def outside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) mm by which points of the machine (n, 2) are beyond its travel; 0 within."""
         low, high = np.array([self.x_mm, self.y_mm]).T

@@ -21,6 +21,9 @@ from strokeplan.jit import kernel
 from strokeplan.plotter.joining import ENTRY, EXIT, NEIGHBOURS, nearest, roles, shaken, tour_of
 from strokeplan.plotter.moves import Price, cost, improved
 
+SAME_MM = 1e-9
+"""Points that are all nearer than this to each other are one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tour:
@@ -161,7 +164,7 @@ def _along_a_curve(points: NDArray[np.float64]) -> NDArray[np.int64]:
         return np.empty(0, np.int64)
     low = points.min(axis=0)
     span = float((points - low).max())
-    cell = ((points - low) * (65535 / span) if span > 0 else points - low).astype(np.uint64)
+    cell = ((points - low) * (65535 / span) if span > SAME_MM else np.zeros_like(points)).astype(np.uint64)
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         cell = (cell | (cell << np.uint64(shift))) & np.uint64(mask)
     return np.argsort(cell[:, 0] | (cell[:, 1] << np.uint64(1)), kind="stable")

@@ -21,9 +21,11 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
+from strokeplan.color_settings import HexColor
 from strokeplan.errors import InputError, ProfileError
 from strokeplan.files import atomic_write
 from strokeplan.page import Page, parse_page
+from strokeplan.pens import MAX_WIDTH_MM, MIN_WIDTH_MM
 from strokeplan.plotter.dialects.words import Flavour, check_lines
 from strokeplan.plotter.tools import AngleServo, Brush, Carousel, EbbServo, PwmServo, Tool, ZPen
 
@@ -76,6 +78,8 @@ class Speeds(_Table, frozen=True, kw_only=True):
     junction_deviation_mm: Annotated[float, Meta(ge=0, le=10)] = 0.01
     lookahead_blocks: Annotated[int, Meta(ge=1, le=1000)] = 15
     steps_mm: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    segment_ms: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """How long a segment takes at least, where the tolerance allows it: no more of them arrive in time."""
 
 
 class Gcode(_Table, frozen=True, kw_only=True, tag="gcode"):
@@ -109,7 +113,7 @@ class Ebb(_Table, frozen=True, kw_only=True, tag="ebb"):
     """The EiBotBoard's commands: motors' steps in slices of time."""
 
     steps_mm: Annotated[float, Meta(gt=0, le=1e4)]
-    """Steps of motors A and B for a millimetre of x and y (XM)."""
+    """Sixteenths of a step for a millimetre: of motors A and B together (XM), or of x and y themselves (SM)."""
     slice_ms: Annotated[int, Meta(ge=5, le=1000)] = 25
     min_ms: Annotated[int, Meta(ge=1, le=100)] = 4
     """The shortest move that the board keeps up with."""
@@ -146,6 +150,10 @@ class PenSettings(_Table, frozen=True, kw_only=True):
 
     name: str
     slot: Annotated[int, Meta(ge=1, le=99)] | None = None
+    color: HexColor | None = None
+    """Of its ink on white paper, for `--pens profile`."""
+    width_mm: Annotated[float, Meta(ge=MIN_WIDTH_MM, le=MAX_WIDTH_MM)] | None = None
+    """How wide it draws: for `--pens profile`, and what `plan --profile` takes for a pen of that name."""
     draw_mm_min: Rate | None = None
     down_mm: Coordinate | None = None
     down_pwm: Annotated[float, Meta(ge=0, le=1e5)] | None = None

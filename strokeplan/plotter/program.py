@@ -14,45 +14,23 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.curves import flatten_all, simplify
+from strokeplan.biarcs import ArcChains, biarcs_all
+from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
-from strokeplan.formats.json import hex_colors
-from strokeplan.plotter.layout import FIT, LayoutOptions, lay_out
+from strokeplan.grouping import gathered
+from strokeplan.plotter.chaining import as_they_come, chained, drawn_rows, in_order
+from strokeplan.plotter.layout import lay_out
 from strokeplan.plotter.machine import PageTransform, page_transform
 from strokeplan.plotter.motion import Limits
-from strokeplan.plotter.order import Tour, keep_order, merge, order
+from strokeplan.plotter.options import PlotOptions
+from strokeplan.plotter.painterly import pen_lines
+from strokeplan.plotter.penning import JobPen, job_pens
 from strokeplan.plotter.profile import PenSettings, Profile
-from strokeplan.plotter.tools import Brush, Carousel, ZPen
+from strokeplan.plotter.segments import segments
+from strokeplan.plotter.tools import Brush, ZPen
 from strokeplan.strokes import StrokePlan
 
-LIFT_MM = 20.0
-"""What lifting and lowering the pen counts as, in mm of travel, when strokes are put in order."""
-ONE_PEN = "pen"
-
-
-@dataclass(frozen=True, slots=True)
-class PlotOptions:
-    """What is asked of a program.
-
-    layout      where the picture lies on its page.
-    by_colour   a pen for every colour of the plan, where it names no pens itself.
-    keep_order  strokes are drawn as they come.
-    slots       where pens are in the machine, by name; all pens named must be used.
-    """
-
-    layout: LayoutOptions = FIT
-    by_colour: bool = False
-    keep_order: bool = False
-    slots: tuple[tuple[str, int], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class JobPen:
-    """A pen that a program draws with; `settings` are the profile's for it."""
-
-    name: str
-    slot: int
-    settings: PenSettings
+__all__ = ["JobPen", "PlotOptions", "Program", "limits", "pen_moves_s", "program"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +65,14 @@ class Program:
 
     @cached_property
     def polylines(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Vertices (v, 2) and starts (m + 1,): the lines within the profile's tolerance, with few vertices."""
-        half = self.profile.tolerance_mm / 2
-        vertices, begins = flatten_all(self.points, self.starts, half)
-        lines = [simplify(vertices[a:b], half) for a, b in zip(begins[:-1].tolist(), begins[1:].tolist(), strict=True)]
-        return np.concatenate(lines), np.cumsum([0, *(len(line) for line in lines)], dtype=np.int64)
+        """Vertices (v, 2) and starts (m + 1,): the lines within the profile's tolerance, of segments that take time."""
+        shortest = self.feeds / 60_000 * self.profile.speeds.segment_ms
+        return segments(self.points, self.starts, self.profile.tolerance_mm, shortest)
+
+    @cached_property
+    def arcs(self) -> ArcChains:
+        """The lines as circular arcs within the profile's tolerance."""
+        return biarcs_all(self.points, self.starts, self.profile.tolerance_mm)
 
     @property
     def feeds(self) -> NDArray[np.float64]:
@@ -115,9 +96,9 @@ class Program:
         knots = (self.starts + 2 * np.arange(len(self) + 1)) // 3
         return replace(
             self,
-            points=np.concatenate([self.line(j) for j in keep.tolist()]),
+            points=self.points[gathered(self.starts, keep)],
             starts=np.concatenate([[0], np.cumsum(np.diff(self.starts)[keep])]),
-            radii=np.concatenate([self.radii[knots[j] : knots[j + 1]] for j in keep.tolist()]),
+            radii=self.radii[gathered(knots, keep)],
             pen=self.pen[keep],
             layer=self.layer[keep],
         )
@@ -142,24 +123,30 @@ def program(plan: StrokePlan, profile: Profile, options: PlotOptions | None = No
     options = options or PlotOptions()
     laid, page = lay_out(plan, options.layout, profile.tolerance_mm / 2)
     transform = page_transform(page, profile)
-    chains = transform.points(laid.points)
-    _check_travel(chains, laid, transform, profile)
-    pens, pen = _pens(laid, profile, options)
-    layer = np.repeat(np.arange(len(laid.layers)), [item.last - item.first for item in laid.layers])
-    tour, lines = _order(chains, laid, np.stack([layer, pen], axis=1), profile, options)
-    firsts = tour.index[lines[:-1]]
-    rows, starts = _rows(laid, tour, lines)
-    knots, _ = _knot_rows(laid, tour)
+    lines, join = pen_lines(laid, profile, options)
+    chains = transform.points(lines.points)
+    _check_travel(chains, lines, transform, profile)
+    pens, pen = job_pens(lines, profile, options)
+    layer = np.repeat(np.arange(len(lines.layers)), [item.last - item.first for item in lines.layers])
+    ends = np.stack([chains[lines.starts[:-1]], chains[lines.starts[1:] - 1]], axis=1)
+    if isinstance(profile.tool, Brush):  # wet paint: as it comes, and no gap is painted over
+        tour, begins = as_they_come(ends, np.stack([layer, pen], axis=1), join, 0.0)
+    elif options.keep_order:
+        tour, begins = as_they_come(ends, np.stack([layer, pen], axis=1), join, join)
+    else:  # a pen draws all of its layers before the next one
+        tour, begins = in_order(ends, np.stack([pen, layer], axis=1), join)
+    points, starts = chained(chains, lines, tour, begins)
+    firsts = tour.index[begins[:-1]]
     return Program(
         profile=profile,
         transform=transform,
-        points=_bridged(chains, rows, starts),
+        points=points,
         starts=starts,
-        radii=_radii(laid)[knots],
+        radii=lines.half_widths[drawn_rows(lines.first_knots, tour)],
         pen=pen[firsts],
         layer=layer[firsts],
         pens=pens,
-        layers=tuple(item.name for item in laid.layers),
+        layers=tuple(item.name for item in lines.layers),
         strokes=len(laid),
         title=plan.source.name if plan.source else "drawing",
     )
@@ -184,97 +171,15 @@ def _check_travel(chains: NDArray[np.float64], plan: StrokePlan, transform: Page
         )
 
 
-def _pens(plan: StrokePlan, profile: Profile, options: PlotOptions) -> tuple[tuple[JobPen, ...], NDArray[np.int64]]:
-    """The pens in the order in which they first draw, and (n,) which of them each stroke takes."""
-    if plan.pens is not None:
-        names = [name or ONE_PEN for name in plan.pens]
-    else:
-        names = hex_colors(plan.colors) if options.by_colour else [ONE_PEN] * len(plan)
-    used = list(dict.fromkeys(names))
-    slots = dict(options.slots)
-    for name in slots:
-        if name not in used:
-            raise PlotError(f"pen {name!r} is used by no stroke; the plan's pens are {', '.join(used[:20])}")
-        if list(slots.values()).count(slots[name]) > 1:
-            raise PlotError(f"slot {slots[name]} is given to two pens; each needs its own")
-    settings = {item.name: item for item in profile.pens}
-    pens: list[JobPen] = []
-    for name in used:
-        found = settings.get(name, PenSettings(name=name))
-        taken = set(slots.values()) | {pen.slot for pen in pens}
-        slot = slots.get(name) or found.slot or next(k for k in range(1, len(used) + 100) if k not in taken)
-        pens.append(JobPen(name, slot, found))
-    room = profile.tool.pens if isinstance(profile.tool, Carousel) else None
-    if room is not None and max(pen.slot for pen in pens) > room:
-        raise PlotError(f"{len(pens)} pens, up to slot {max(pen.slot for pen in pens)}: {profile.name} holds {room}")
-    index = {name: k for k, name in enumerate(used)}
-    return tuple(pens), np.array([index[name] for name in names], np.int64)
-
-
-def _order(
-    chains: NDArray[np.float64], plan: StrokePlan, member: NDArray[np.int64], profile: Profile, options: PlotOptions
-) -> tuple[Tour, NDArray[np.int64]]:
-    """The tour through all strokes, and where its lines begin. A pen draws all of its layers before the next one."""
-    ends = np.stack([chains[plan.starts[:-1]], chains[plan.starts[1:] - 1]], axis=1)
-    kept = options.keep_order or isinstance(profile.tool, Brush)
-    if not kept:
-        member = member[:, ::-1]
-    _, group = np.unique(member, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    if kept:
-        tour = keep_order(ends, tolerance=profile.join_mm, lift=LIFT_MM)
-        return tour, merge(ends, tour, group, tolerance=0.0 if isinstance(profile.tool, Brush) else profile.join_mm)
-    ranked = np.argsort(group, kind="stable")  # order() takes groups as they first appear
-    tour = order(ends[ranked], group[ranked], tolerance=profile.join_mm, lift=LIFT_MM)
-    tour = Tour(ranked[tour.index], tour.reversed)
-    return tour, merge(ends, tour, group, tolerance=profile.join_mm)
-
-
-def _rows(plan: StrokePlan, tour: Tour, lines: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of the plan's points in the order of drawing, −1 for the two handles of a bridge; where lines begin."""
-    counts = plan.counts[tour.index]
-    joined = np.ones(len(counts), np.bool_)
-    joined[lines[:-1]] = False
-    room = counts + 2 * joined
-    ends = np.cumsum(room)
-    rows = np.full(int(ends[-1]), -1, np.int64)
-    own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-    back = np.repeat(tour.reversed, counts)
-    first = np.repeat(plan.starts[tour.index], counts)
-    at = np.repeat(ends - counts, counts) + own
-    rows[at] = np.where(back, first + np.repeat(counts, counts) - 1 - own, first + own)
-    return rows, np.concatenate([[0], ends[lines[1:] - 1]])
-
-
-def _knot_rows(plan: StrokePlan, tour: Tour) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of what the plan has at on-curve points, in the order of drawing."""
-    counts = plan.knots[tour.index]
-    own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-    first = np.repeat(plan.first_knots[tour.index], counts)
-    back = np.repeat(tour.reversed, counts)
-    return np.where(back, first + np.repeat(counts, counts) - 1 - own, first + own), counts
-
-
-def _bridged(chains: NDArray[np.float64], rows: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The points of `rows`; a gap between two strokes of a line is a straight cubic."""
-    points = chains[rows]
-    gaps = np.flatnonzero(rows < 0)[::2]
-    before, after = points[gaps - 1], points[gaps + 2]
-    points[gaps], points[gaps + 1] = (2 * before + after) / 3, (before + 2 * after) / 3
-    return points
-
-
-def _radii(plan: StrokePlan) -> NDArray[np.float64]:
-    half = np.repeat(0.5 * plan.widths, plan.knots)
-    return half if plan.pressures is None else half * np.where(np.isnan(plan.pressures), 1.0, plan.pressures)
-
-
-def pen_moves_s(profile: Profile) -> tuple[float, float]:
-    """Seconds for which the machine stands while the pen goes down, and up."""
+def pen_moves_s(profile: Profile, pen: PenSettings | None = None) -> tuple[float, float]:
+    """Seconds for which the machine stands while the pen goes down, and up; `pen` may have its own."""
     tool = profile.tool
+    lower = tool.lower_s if pen is None or pen.lower_s is None else pen.lower_s
+    rise = tool.raise_s if pen is None or pen.raise_s is None else pen.raise_s
     way = 0.0
     if isinstance(tool, ZPen):
-        way = abs(tool.up_mm - tool.down_mm) / tool.rate_mm_min * 60
+        down = tool.down_mm if pen is None or pen.down_mm is None else pen.down_mm
+        way = abs(tool.up_mm - down) / tool.rate_mm_min * 60
     if isinstance(tool, Brush):
         way = abs(tool.safe_mm - tool.touch_mm) / tool.rate_mm_min * 60
-    return tool.lower_s + way, tool.raise_s + way
+    return lower + way, rise + way

@@ -46,6 +46,22 @@ def segments(
     return vertices[kept], np.concatenate([[0], np.cumsum(kept)])[begins]
 
 
+def with_values(
+    points: NDArray[np.float64], starts: NDArray[np.int64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Chains of cubics (p, d) with one coordinate more: `values` (q,) at on-curve points, even between."""
+    pieces = np.diff(starts) // 3
+    knots = 3 * np.arange(len(values)) - 2 * np.repeat(np.arange(len(pieces)), pieces + 1)
+    column = np.empty(len(points))
+    column[knots] = values
+    inner = np.ones(len(points), np.bool_)
+    inner[knots] = False
+    handles = np.flatnonzero(inner)[::2]
+    before, after = column[handles - 1], column[handles + 2]
+    column[handles], column[handles + 1] = (2 * before + after) / 3, (before + 2 * after) / 3
+    return np.column_stack([points, column])
+
+
 @kernel
 def _kept(
     vertices: NDArray[np.float64], begins: NDArray[np.int64], tolerance: float, shortest: NDArray[np.float64]

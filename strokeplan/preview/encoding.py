@@ -16,6 +16,7 @@ order, of n strokes with c cubics in all:
     pressed     n        one byte, 1 for a stroke with pressure         only if the header's "pressure" is true
     pressure    q        zigzag of 0…255 at every on-curve point of those strokes, from the point before; likewise
     pen         n        varint, 0 for none, else 1 + index into the header's "pens"; only if there are any
+    done        n        varint, hundredths of a second until a line is drawn, from the one before; only of a plot
 
 Known limits: widths keep four digits; a coordinate further from the origin than REACH steps is moved there;
 the direction of a flat brush is left out.
@@ -24,12 +25,15 @@ the direction of a flat brush is left out.
 from __future__ import annotations
 
 import zlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.strokes import StrokePlan, rgb_to_hex
+
+if TYPE_CHECKING:
+    from strokeplan.preview.plotting import Plot
 
 VERSION = 1
 GRID = 2**14
@@ -40,7 +44,7 @@ REACH = 2**26
 Ints = NDArray[np.int64]
 
 
-def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
+def encode(plan: StrokePlan, plot: Plot | None = None) -> tuple[dict[str, Any], bytes]:
     """Header and zlib-compressed columns; the same plan gives the same bytes."""
     widths, width_index = _width_table(plan)
     pens = sorted({pen for pen in plan.pens or () if pen is not None})
@@ -52,12 +56,15 @@ def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
     if pens:
         index: dict[str | None, int] = {None: 0, **{pen: i for i, pen in enumerate(pens, start=1)}}
         columns.append(varint(np.array([index[pen] for pen in plan.pens or ()])))
+    if plot is not None:
+        done = np.rint(100 * plot.done_s).astype(np.int64)
+        columns.append(varint(np.diff(done, prepend=np.int64(0))))
     header = {
         "version": VERSION,
-        "title": plan.source.name if plan.source else "strokeplan",
+        "title": plot.title if plot else plan.source.name if plan.source else "strokeplan",
         "width": plan.width,
         "height": plan.height,
-        "unit": "px",
+        "unit": "px" if plot is None else "mm",
         "step": step,
         "background": rgb_to_hex(plan.background),
         "strokes": len(plan),
@@ -69,6 +76,7 @@ def encode(plan: StrokePlan) -> tuple[dict[str, Any], bytes]:
         "widths": widths,
         "pressure": pressures is not None,
         "pens": pens,
+        "plot": None if plot is None else plot.header(),
     }
     return header, zlib.compress(b"".join(columns), 9)
 

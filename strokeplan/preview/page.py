@@ -14,6 +14,7 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -22,8 +23,11 @@ from strokeplan.files import atomic_write
 from strokeplan.preview.encoding import encode as encode_strokes
 from strokeplan.strokes import StrokePlan
 
+if TYPE_CHECKING:
+    from strokeplan.preview.plotting import Plot
+
 SUFFIXES = (".html", ".htm")
-SCRIPTS = ("decode", "geometry", "painter", "view", "stage", "gestures", "panel", "controls", "main")
+SCRIPTS = ("decode", "geometry", "painter", "view", "stage", "gestures", "panel", "ways", "controls", "main")
 POSTER_SIDE = 720
 POSTER_QUALITY = 75
 
@@ -34,17 +38,17 @@ def check_page(path: str | Path) -> None:
         raise FormatError(f"{path}: unknown suffix {Path(path).suffix!r} for a page; known is .html")
 
 
-def save_page(plan: StrokePlan, path: str | Path) -> None:
+def save_page(plan: StrokePlan, path: str | Path, plot: Plot | None = None) -> None:
     """Write the page of a plan to `path`, .html, whole or not at all. Raises FormatError, OutputError."""
     check_page(path)
-    data = encode(plan)
+    data = encode(plan, plot)
     with atomic_write(path) as stream:
         stream.write(data)
 
 
-def encode(plan: StrokePlan) -> bytes:
-    """The page of a plan, UTF-8; the same plan gives the same bytes."""
-    header, strokes = encode_strokes(plan)
+def encode(plan: StrokePlan, plot: Plot | None = None) -> bytes:
+    """The page of a plan, or of a plot whose lines the plan is; UTF-8, the same plan gives the same bytes."""
+    header, strokes = encode_strokes(plan, plot)
     style = _source("style.css")
     script = "".join(_source(f"{name}.js") for name in SCRIPTS)
     title = html.escape(header["title"])

@@ -47,7 +47,7 @@ def drawn(plan: StrokePlan) -> list[NDArray[np.float64]]:
     """The plan's strokes as dense polylines, by Bernstein's polynomials."""
     lines = []
     for chain in plan:
-        pieces = [cubic(chain[k : k + 4].tolist(), 60) for k in range(0, len(chain) - 1, 3)]
+        pieces = [cubic(chain[k : k + 4].tolist(), 240) for k in range(0, len(chain) - 1, 3)]
         lines.append(np.concatenate([chain[:1], *pieces]))
     return lines
 

@@ -125,10 +125,10 @@ def read_ebb(data: bytes, steps_mm: float) -> tuple[list[Line], list[float], lis
         if name == "SP":
             down = rest[0] == "0"
             lines += [[[x, y]]] if down else []
-        elif name == "XM":
+        elif name in ("XM", "SM"):
             ms, a, b = map(int, rest)
             x, y = x + a, y + b
-            rates += [abs(a + b) / ms, abs(a - b) / ms]
+            rates += [abs(a + b) / ms, abs(a - b) / ms] if name == "XM" else [abs(a) / ms, abs(b) / ms]
             if down:
                 lines[-1].append([x, y])
         else:

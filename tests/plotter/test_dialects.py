@@ -171,6 +171,16 @@ def test_ebb_draws_the_strokes_and_goes_home() -> None:
     assert 5 < max(rates) <= 25
 
 
+def test_ebb_turns_motors_of_x_and_y_each_for_itself() -> None:
+    """The WaterColorBot is no CoreXY: SM, and its paper begins 77.28 mm from home."""
+    data = encode(program(THREE, load_profile("watercolorbot")))
+    assert b"XM," not in data
+    lines, end, rates = read_ebb(data, 34.93)
+    assert distance([line - (77.28, 0) for line in lines], drawn(THREE)) <= 0.02 + 0.03
+    assert end == [0, 0]
+    assert max(rates) <= 25
+
+
 @settings(max_examples=15)
 @given(plan=drawings())
 def test_ebb_never_runs_away(plan: StrokePlan) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from drawings import BAR, EYE, THREE, curve, drawing
 from readers import distance, read_gcode
@@ -12,7 +14,7 @@ from typer.testing import CliRunner
 from strokeplan.cli import app
 from strokeplan.errors import StrokeplanError
 from strokeplan.formats import save
-from strokeplan.strokes import StrokePlan
+from strokeplan.strokes import Layer, StrokePlan
 
 SVG = """<svg xmlns="http://www.w3.org/2000/svg" width="100mm" height="80mm" viewBox="0 0 200 160">
 <path d="M20 20 C80 0 120 80 180 20" fill="none" stroke="#000"/></svg>"""
@@ -95,7 +97,7 @@ def test_info_says_what_a_machine_needs(tmp_path: Path) -> None:
         (["x.gcode", "--profile", "nosuch"], "profile 'nosuch' is unknown"),
         (["x.plt", "--profile", "grbl_servo"], "grbl_servo takes .gcode"),
         (["x.svg", "--profile", "grbl_servo"], "grbl_servo takes .gcode"),
-        (["x.svg", "--rotate", 90], "are for machines"),
+        (["x.svg", "--rotate", 90], "rotate is for machines"),
         (["x.gcode", "--profile", "grbl_servo", "--outline"], "no option outline"),
         (["x.gcode", "--profile", "grbl_servo", "--rotate", 45], "rotate 45"),
         (["x.gcode", "--profile", "grbl_servo", "--page", "A1"], "larger than what grbl_servo reaches"),
@@ -134,3 +136,23 @@ def test_the_two_lists_of_suffixes_agree() -> None:
     from strokeplan.plotter.files import SUFFIXES
 
     assert set(MACHINE_SUFFIXES) == set(SUFFIXES)
+
+
+def test_a_dry_run_says_all_and_writes_nothing(tmp_path: Path) -> None:
+    plan = saved(THREE, tmp_path)
+    said = run("export", plan, "-o", tmp_path / "x.gcode", "--profile", "grbl_servo", "--dry-run")
+    for words in ("lower left corner is at X0 Y0", "draws within X 10.00..90.00", "(estimated)", "nothing is written"):
+        assert words in said
+    assert sorted(tmp_path.iterdir()) == [plan]
+
+
+def test_a_painting_becomes_bundles_of_few_pens(tmp_path: Path) -> None:
+    paint = replace(THREE, layers=(Layer("1", 0, 3),), widths=np.full(3, 4.0))
+    plan = saved(paint, tmp_path)
+    words = ["--profile", "grbl_servo", "--strokes", "bundle", "--pen-width", "0.5mm", "--pens", "2"]
+    run("export", plan, "-o", tmp_path / "x.gcode", *words)
+    assert "pens        #" in run("info", plan, *words)
+    run("preview", plan, "-o", tmp_path / "x.html", *words)
+    inked = sum(len(line) for line in read_gcode((tmp_path / "x.gcode").read_bytes()))
+    assert inked > 200
+    assert '"plot":{' in (tmp_path / "x.html").read_text()

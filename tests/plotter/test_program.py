@@ -18,7 +18,7 @@ from strokeplan.plotter.estimate import clock, estimate
 from strokeplan.plotter.files import encode, outputs, parse_date
 from strokeplan.plotter.layout import LayoutOptions, lay_out, read_area
 from strokeplan.plotter.machine import page_transform
-from strokeplan.plotter.profile import Machine, Profile, load_profile
+from strokeplan.plotter.profile import Change, Machine, PenSettings, Profile, load_profile
 from strokeplan.plotter.program import PlotOptions, program
 from strokeplan.strokes import Layer, StrokePlan
 
@@ -194,13 +194,43 @@ def test_options_that_are_none_are_refused() -> None:
             LayoutOptions(**wrong)  # type: ignore[arg-type]
 
 
+def test_segments_take_the_time_that_the_machine_needs() -> None:
+    """400 cubics of 0.1 mm: as many lines, or lines of 20 ms if asked: 0.83 mm at 2500 mm/min."""
+    way = np.linspace(20, 60, 1201)
+    plan = drawing([np.column_stack([way, 40 + np.sin(way / 3) / 4])])
+    lengths = []
+    for ms in (0.0, 20.0):
+        speeds = msgspec.structs.replace(GRBL.speeds, segment_ms=ms)
+        points, _ = program(plan, having(speeds=speeds)).polylines
+        lengths.append(np.median(np.hypot(*np.diff(points, axis=0).T)))
+        assert distance([points], [np.column_stack([way, 40 - np.sin(way / 3) / 4])]) <= GRBL.tolerance_mm + 0.002
+    assert lengths[0] < 0.2
+    assert lengths[1] > 0.8
+
+
 def test_the_estimate_is_that_of_a_trapezoid() -> None:
-    """100 mm right from the origin at 2500 mm/min and 500 mm/s²: l/v + v/a, and the pen's two moves."""
+    """100 mm right from the origin at 2500 mm/min and 500 mm/s², and home at 6000: l/v + v/a, and the pen's moves.
+
+    GRBL waits in steps of 50 ms: 0.17 s are 0.2 s.
+    """
     plan = drawing([curve(0, 80, 30, 80, 60, 80, 100, 80)])
-    v = 2500 / 60
-    figures = estimate(program(plan, GRBL))
-    assert figures.total_s == pytest.approx(100 / v + v / 500 + 0.4, rel=1e-3)
-    assert (figures.lifts, figures.drawn_m, figures.travelled_m) == (1, pytest.approx(0.1), pytest.approx(0))
+    v, w = 2500 / 60, 100
+    slow = having(tool=msgspec.structs.replace(GRBL.tool, lower_s=0.17, raise_s=0.3))
+    figures = estimate(program(plan, slow))
+    assert figures.total_s == pytest.approx(100 / v + v / 500 + 100 / w + w / 500 + 0.2 + 0.3, rel=1e-3)
+    assert (figures.lifts, figures.drawn_m, figures.travelled_m) == (1, pytest.approx(0.1), pytest.approx(0.1))
+
+
+def test_changes_of_pens_and_their_own_delays_are_in_the_estimate() -> None:
+    """Two pens with and without a park: the way there and back, and the wait."""
+    plan = drawing([BAR, np.add(BAR, (0, -20))], pens=("a", "b"))
+    here = estimate(program(plan, having(change=Change(wait_s=30))))
+    away = estimate(program(plan, having(change=Change(wait_s=30, park_mm=(0, 0)))))
+    pens = (PenSettings(name="b", lower_s=1.2),)
+    slow = estimate(program(plan, having(change=Change(wait_s=30), pens=pens)))
+    assert here.total_s == pytest.approx(30 + sum(s for _, s in here.pens_s))
+    assert away.travelled_m - here.travelled_m > 0.1
+    assert slow.total_s - here.total_s == pytest.approx(1.0)
     assert clock(7384) == "2:03:04"
 
 

@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from random_plans import first_strokes, random_plan
 
+from strokeplan.plotter.profile import load_profile
+from strokeplan.plotter.program import program
 from strokeplan.preview import encode, save_page
+from strokeplan.preview.plotting import Plot, plot_of
 from strokeplan.rendering import paint
 from strokeplan.strokes import Layer, Source, StrokePlan
 
@@ -58,8 +61,8 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[OpenPage]:
     """Open the page of a plan, painted; in the end nothing may have been fetched, logged or thrown."""
     contexts, complaints = [], []
 
-    def opened(plan: StrokePlan, **options: Any) -> Page:
-        save_page(plan, tmp_path / "page.html")
+    def opened(plan: StrokePlan, plot: Plot | None = None, **options: Any) -> Page:
+        save_page(plan, tmp_path / "page.html", plot)
         context = browser.new_context(**({"viewport": {"width": 900, "height": 600}} | options))
         contexts.append(context)
         page = context.new_page()
@@ -521,3 +524,48 @@ def test_a_plan_without_strokes_is_blank_paper(open_page: OpenPage, plan: Stroke
 
 def test_the_same_plan_gives_the_same_page(plan: StrokePlan) -> None:
     assert encode(plan) == encode(plan)
+
+
+def plotted() -> tuple[StrokePlan, Plot]:
+    """Two pens on a machine that parks at the page's lower left corner."""
+    bars = np.array([[10, 10], [20, 10], [30, 10], [40, 10], [10, 30], [20, 30], [30, 30], [40, 30.0]])
+    plan = StrokePlan(
+        100, 80, bars, np.array([0, 4, 8]), np.full(2, 0.5), np.zeros((2, 3), np.uint8), (Layer("1", 0, 2, "ink"),),
+        settings={"page_mm": [100, 80]}, pens=("fine", "bold"),
+    )  # fmt: skip
+    return plot_of(program(plan, load_profile("grbl_servo")), (255, 255, 255))
+
+
+def test_a_plot_shows_ways_and_time(open_page: OpenPage) -> None:
+    """The bar is the machine's time; ways lead from home by the lines and the change of pens home again."""
+    lines, plot = plotted()
+    page = open_page(lines, plot=plot)
+    settle(page)
+    assert page.inner_text("#total") == page.inner_text("#counter") == f"0:00:{round(plot.total_s)}"
+    assert float(page.get_attribute("#scrub", "max")) == pytest.approx(plot.total_s, abs=0.01)
+    whole = blue(page)
+    assert whole > 200
+    page.locator("#scrub").evaluate("(bar, to) => { bar.value = to; bar.dispatchEvent(new Event('input')); }", 20)
+    settle(page, 1)
+    assert 0 < blue(page) < whole
+    page.keyboard.press("w")
+    settle(page)
+    assert blue(page) == 0
+    assert page.get_attribute("#show-ways", "aria-pressed") == "false"
+
+
+def blue(page: Page) -> int:
+    """How many pixels of the ways are drawn."""
+    url = page.evaluate("() => document.getElementById('ways').toDataURL()")
+    with Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as file:
+        rgba = np.asarray(file.convert("RGBA"))
+    return int(np.count_nonzero((rgba[..., 3] > 0) & (rgba[..., 2] > 150)))
+
+
+def test_times_are_those_of_the_motion() -> None:
+    lines, plot = plotted()
+    assert lines.points[0] == pytest.approx([10, 10])
+    assert [layer.name for layer in lines.layers] == ["fine", "bold"]
+    assert np.all(np.diff(plot.done_s) > 20)  # a change of pen takes so long
+    assert plot.home == pytest.approx((0, 80))
+    assert plot.stops == ((1, 0.0, 80.0), (2, 0.0, 80.0))

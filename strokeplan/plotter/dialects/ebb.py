@@ -1,13 +1,14 @@
 """Commands of the EiBotBoard (AxiDraw and its kin): the host plans the motion, the board turns two motors.
 
-Every block of the planned motion (motion.py) is cut into slices of time; a slice is one XM, whole steps between where
-the pen is at its two ends: rounding never adds up. A slice shorter than the board keeps up with is stretched, which
-slows the pen down and moves it nowhere else; so is one that would exceed 25 kHz on a motor.
+Every block of the planned motion (motion.py) is cut into slices of time; a slice is one XM (SM where each motor drives
+an axis of its own), whole steps between where the pen is at its two ends: rounding never adds up. A slice shorter than
+the board keeps up with is stretched, which slows the pen down and moves it nowhere else; so is one that would exceed 25
+kHz on a motor.
 
 Lines that begin with # are for people (the header): whoever sends the file leaves them out. The file begins and ends
 at the home corner, where motors were switched on.
 
-Source: EiBotBoard command set (evil-mad.github.io/EggBot/ebb.html), commands EM, S2, SC, SP, XM.
+Source: EiBotBoard command set (evil-mad.github.io/EggBot/ebb.html), commands EM, S2, SC, SM, SP, XM.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
     yield up
     lines = range(len(program) + 1)
     stroke, drawn, moves = _slices(program, dialect)
-    commands = xm(moves)
+    commands = written(moves, program.profile)
     begins = np.searchsorted(stroke, lines).tolist()
     downs = (begins + np.bincount(stroke[~drawn], minlength=len(lines))).tolist()
     for j in lines[:-1]:
@@ -91,9 +92,10 @@ def pen_commands(tool: EbbServo, pen: JobPen) -> tuple[str, str]:
     )
 
 
-def xm(moves: NDArray[np.int64]) -> list[str]:
-    """Slices (s, 3) as commands."""
-    return [f"XM,{ms},{a},{b}" for ms, a, b in moves.tolist()]
+def written(moves: NDArray[np.int64], profile: Profile) -> list[str]:
+    """Slices (s, 3) as commands; XM where the motors drive x and y together."""
+    word = "XM" if profile.machine.kinematics == "corexy" else "SM"
+    return [f"{word},{ms},{x},{y}" for ms, x, y in moves.tolist()]
 
 
 def _pulse(tool: EbbServo, percent: float) -> int:
@@ -129,8 +131,10 @@ def slices(
     at[last] = moved.end[block[last]]
     first = np.rint(np.array([begin]) * dialect.steps_mm).astype(np.int64)
     steps = np.diff(np.rint(at * dialect.steps_mm).astype(np.int64), axis=0, prepend=first)
+    corexy = profile.machine.kinematics == "corexy"  # a motor turns by x + y, the other by x − y
+    fastest = np.abs(steps).sum(axis=1) if corexy else np.abs(steps).max(axis=1)
     ms = np.ceil(moved.duration[block] * 1000 / cuts[block] - 1e-9)
-    ms = np.maximum(np.maximum(ms, dialect.min_ms), np.ceil(np.abs(steps).sum(axis=1) / MAX_STEPS_MS))
+    ms = np.maximum(np.maximum(ms, dialect.min_ms), np.ceil(fastest / MAX_STEPS_MS))
     moves = np.column_stack([ms.astype(np.int64), steps])
     keep = steps.any(axis=1)
     return moved.stroke[block][keep], moved.down[block][keep], moves[keep]

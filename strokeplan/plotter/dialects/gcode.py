@@ -10,12 +10,12 @@ Sources: GRBL 1.1 wiki (commands, interface); NIST RS274/NGC and LinuxCNC's G-co
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import hypot
+from math import ceil, hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from strokeplan.biarcs import Arcs, biarcs
+from strokeplan.biarcs import Arcs
 from strokeplan.plotter.brush import Visit, heights, turns_deg, visits
 from strokeplan.plotter.profile import Gcode
 from strokeplan.plotter.program import JobPen, Program
@@ -23,13 +23,10 @@ from strokeplan.plotter.tools import AngleServo, Brush, PwmServo, ZPen
 
 DECIMALS = 3
 RESOLUTION_MM = 10.0**-DECIMALS
-ARC_MARGIN = 0.6
-"""The part of the tolerance that arcs are made with: they are measured at some points only, and where a cubic is wild
-stray by up to half more between them."""
 MIN_CHORD_MM = 0.02
 """An arc of a shorter chord is a line: rounding would decide its centre."""
 MAX_RADIUS_MM = 5_000.0
-"""An arc of a larger radius is a line, which it differs from by nothing that a machine can do."""
+"""An arc of a larger radius is lines: controllers that count in 32 bits lose its centre."""
 
 
 class Flavour(NamedTuple):
@@ -97,6 +94,7 @@ class Writer:
         self.travel = f" F{number(program.profile.speeds.travel_mm_min)}" if self.flavour.rapid_feed else ""
         self.brush = heights(program, self.tool) if isinstance(self.tool, Brush) else None
         self.feeds: list[float] = program.feeds.tolist()
+        self.arcs = program.arcs if dialect.curves == "arcs" and self.brush is None else None
 
     def body(self) -> Iterator[str]:
         """Everything between the start and the end."""
@@ -145,8 +143,8 @@ class Writer:
         """Where the line begins ("X… Y…"), then the commands that draw it."""
         chain = self.program.line(j)
         yield f"X{number(chain[0, 0])} Y{number(chain[0, 1])}"
-        if self.dialect.curves == "arcs":
-            yield from arc_moves(biarcs(chain, ARC_MARGIN * self.program.profile.tolerance_mm))
+        if self.arcs is not None:
+            yield from arc_moves(self.arcs.chain(j))
         elif self.dialect.curves == "cubics":
             yield from cubic_moves(chain.tolist())
         else:
@@ -262,10 +260,22 @@ def arc_moves(arcs: Arcs) -> Iterator[str]:
         if chord < RESOLUTION_MM / 2:
             continue  # the same point as the file has it: an arc to it would be a full circle
         where = f"X{number(bx)} Y{number(by)}"
-        if bulge == 0 or chord < MIN_CHORD_MM or chord * (1 / abs(bulge) + abs(bulge)) / 4 > MAX_RADIUS_MM:
+        radius = chord * (1 / abs(bulge) + abs(bulge)) / 4 if bulge else 0.0
+        if bulge == 0 or chord < MIN_CHORD_MM:
             yield f"G1 {where}"
+        elif radius > MAX_RADIUS_MM:
+            yield from flat_moves(ax, ay, dx, dy, abs(bulge) * chord / 2, bulge)
         else:
             rise = (1 - bulge * bulge) / (4 * bulge)
             centre = f"I{number(dx / 2 - dy * rise)} J{number(dy / 2 + dx * rise)}"
             yield f"{'G3' if bulge > 0 else 'G2'} {where} {centre}"
         ax, ay = bx, by
+
+
+def flat_moves(ax: float, ay: float, dx: float, dy: float, rise: float, bulge: float) -> Iterator[str]:
+    """G1 along a flat arc that rises by `rise` above its chord (dx, dy), as a parabola; within the file's decimals."""
+    pieces = max(ceil(sqrt(rise / RESOLUTION_MM)), 1)
+    for k in range(1, pieces + 1):
+        t = k / pieces
+        side = 2 * bulge * t * (1 - t)  # 4 t (1 − t) of the rise, bulge · chord / 2, to the right of the chord
+        yield f"G1 X{number(ax + t * dx + side * dy)} Y{number(ay + t * dy - side * dx)}"

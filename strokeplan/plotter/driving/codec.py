@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from strokeplan.errors import DriveError
 from strokeplan.plotter.driving.link import Link
@@ -145,6 +145,23 @@ class Codec(Protocol):
 
     def emergency(self, link: Link) -> None:
         """Stop at once; what the machine answers does not matter."""
+
+
+@runtime_checkable
+class Locator(Protocol):
+    """What a codec has besides if its machine knows where it stands; set-up commands ask whether it does (setup.py).
+
+    Coordinates are those of the codec's commands: millimetres, or the units that a script's `unit_mm` tells.
+    """
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        """Where the machine says that it stands, at rest; None if it does not say. After `greet`."""
+
+    def put(self, link: Link, x: float, y: float) -> str:
+        """Let the present place be these coordinates, and write no setting; how, in words, and how long it lasts.
+
+        Raises InputError for a machine whose origin is its own. A codec's `stop` keeps what was put.
+        """
 
 
 class WrongDeviceError(DriveError):

@@ -152,8 +152,8 @@ class Streamer:
             passed = [key for key in self.marks if key <= event.key]
             units = [unit for key in passed if (unit := self.marks.pop(key)) is not None]
             if units:
-                self.done = max(units) + 1
                 self.keeper.advance(max(units), now)
+                self.done = max(units) + 1
                 self.control.progress(self.done, self.paused)
         elif isinstance(event, Fault):
             raise _Stop(event.text, event)

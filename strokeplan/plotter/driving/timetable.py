@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan.plotter.brush import visit_s, visits
-from strokeplan.plotter.estimate import clock, motion_of
+from strokeplan.plotter.estimate import clock
 from strokeplan.plotter.program import Program
+from strokeplan.plotter.route import route_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,9 @@ class Timetable:
 
 def timetable(program: Program, copies: int = 1) -> Timetable:
     """The timetable of a program: its motion is planned once, and only sums are kept."""
-    moved = motion_of(program)
-    seconds = moved.stroke_s.copy()
-    for stop in visits(program):
-        seconds[min(stop.line, len(seconds) - 1)] += visit_s(program, stop)
-    seconds[np.array(program.changes[1:], np.int64)] += program.profile.change.wait_s
+    route = route_of(program)
+    lines, moved = route.line >= 0, route.motion
     length = np.hypot(*(moved.end - moved.begin).T) * moved.down
-    drawn = np.bincount(moved.stroke, length, len(program)) / 1000
-    return Timetable(
-        program, copies, np.concatenate([[0.0], np.cumsum(seconds)]), np.concatenate([[0.0], np.cumsum(drawn)])
-    )
+    drawn = np.bincount(moved.stroke, length, len(route.line))[lines] / 1000
+    done = np.cumsum(route.took_s)[lines]  # what comes before a line (wells, a change of pen) is part of it
+    return Timetable(program, copies, np.concatenate([[0.0], done]), np.concatenate([[0.0], np.cumsum(drawn)]))

@@ -130,16 +130,18 @@ def open_port(url: str, baud: int, *, hardware_handshake: bool = False, xonxoff:
     """
     serial = require_serial()
     try:
-        port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=0, do_not_open=True)
+        port = serial.serial_for_url(url, baudrate=baud, timeout=0, do_not_open=True)
+        if not url.startswith("rfc2217:"):  # which writes to a socket, and knows no such time
+            port.write_timeout = 0
         port.rtscts, port.xonxoff = hardware_handshake, xonxoff
         with suppress(ValueError, NotImplementedError, AttributeError):
             port.exclusive = True  # another program on the port would take half of the answers
         port.open()
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, NotImplementedError) as error:
         raise DriveError(_reason(url, error)) from None
     try:
         descriptor = port.fileno() if os.name == "posix" else None
-    except (OSError, AttributeError):
+    except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
         descriptor = None
     return PyserialPort(port, url) if descriptor is None else FilePort(descriptor, url, port)
 

@@ -12,17 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strokeplan.errors import PlotError
 from strokeplan.plotter.brush import Visit, visits
-from strokeplan.plotter.dialects import ebb, hpgl
-from strokeplan.plotter.dialects.gcode import FLAVOURS, Writer, number
 from strokeplan.plotter.driving.codec import Phrases
-from strokeplan.plotter.driving.codecs.hpgl import RESERVE
 from strokeplan.plotter.profile import Ebb, Gcode, Hpgl
 from strokeplan.plotter.program import JobPen, Program
-from strokeplan.plotter.tools import Brush, EbbServo, ZPen
+from strokeplan.plotter.tools import Brush
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +67,21 @@ class Script:
     def __len__(self) -> int:
         return len(self.program) * self.copies
 
+    @property
+    def unit_mm(self) -> float:
+        """The unit of the coordinates in its commands."""
+        return 1.0
+
     def phrases(self, pen: int) -> Phrases:
         """What the codec says around the units of a pen."""
         raise NotImplementedError
 
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         """The commands of line j."""
+        raise NotImplementedError
+
+    def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
+        """The commands that carry the pen, up, from where it is to another place, mm of the machine."""
         raise NotImplementedError
 
     def visit(self, stop: Visit) -> Iterator[str]:
@@ -172,133 +177,9 @@ class Script:
         return [stop for stop in [next(earlier, None)] if stop]
 
 
-class GcodeScript(Script):
-    """Units in G-code."""
-
-    def __init__(self, program: Program, copies: int = 1) -> None:
-        super().__init__(program, copies)
-        if not isinstance(program.profile.dialect, Gcode):
-            raise TypeError("a profile of another dialect")
-        self.dialect = program.profile.dialect
-        self.writer = Writer(program, self.dialect)
-
-    def phrases(self, pen: int) -> Phrases:
-        used = self.program.pens[pen]
-        tool = self.program.profile.tool
-        up = tuple(self.writer.up(used))
-        return Phrases(
-            start=(*FLAVOURS[self.dialect.flavour].start, *self.dialect.prologue),
-            up=up,
-            down=tuple(self.writer.down(used)),
-            lift=self._lift() if isinstance(tool, ZPen | Brush) else up,
-            park=tuple(self.writer.park()),
-            end=self.dialect.epilogue,
-        )
-
-    def line(self, j: int, pen: JobPen) -> Iterator[str]:
-        return self.writer.line(j, pen)
-
-    def visit(self, stop: Visit) -> Iterator[str]:
-        return (text for text in self.writer.visit(stop) if not text.startswith(";"))
-
-    def _lift(self) -> tuple[str, ...]:
-        """Up by as much as lies between the pen's two heights, from wherever it is."""
-        tool = self.program.profile.tool
-        if isinstance(tool, ZPen):
-            way = tool.up_mm - tool.down_mm
-        elif isinstance(tool, Brush):
-            way = tool.safe_mm - tool.press_mm
-        else:
-            return ()
-        return ("G91", f"G1 Z{number(way)} F{number(tool.rate_mm_min)}", "G90")
-
-
-class HpglScript(Script):
-    """Units in HP-GL; the plotter fetches its pens itself."""
-
-    def __init__(self, program: Program, copies: int = 1) -> None:
-        super().__init__(program, copies)
-        if not isinstance(program.profile.dialect, Hpgl):
-            raise TypeError("a profile of another dialect")
-        self.dialect = program.profile.dialect
-        points, self.starts = program.polylines
-        self.units_of = np.rint(points / self.dialect.unit_mm).astype(np.int64)
-        if np.abs(self.units_of).max() > hpgl.MAX_UNIT:
-            raise PlotError(f"a coordinate is above {hpgl.MAX_UNIT} units, the most HP-GL knows")
-        room = min(self.dialect.buffer_bytes // 2, self.dialect.buffer_bytes - RESERVE - 2)
-        self.room = max(room, 24)
-
-    @property
-    def by_itself(self) -> bool:
-        return True
-
-    def phrases(self, pen: int) -> Phrases:
-        return Phrases(tuple(hpgl.start(self.program)), ("PU;",), ("PD;",), ("PU;",), end=("SP0;",))
-
-    def taken(self, pen: JobPen) -> tuple[str, ...]:
-        feed = pen.settings.draw_mm_min or self.program.profile.speeds.draw_mm_min
-        return tuple(hpgl.taken(pen, feed, self.dialect))
-
-    def line(self, j: int, pen: JobPen) -> Iterator[str]:
-        return hpgl.line_commands(self.units_of[self.starts[j] : self.starts[j + 1]].tolist(), self.room)
-
-
-class EbbScript(Script):
-    """Units in the EiBotBoard's slices; each line is planned when it is asked for, from where the one before ended."""
-
-    def __init__(self, program: Program, copies: int = 1) -> None:
-        super().__init__(program, copies)
-        dialect, tool = program.profile.dialect, program.profile.tool
-        if not (isinstance(dialect, Ebb) and isinstance(tool, EbbServo)):
-            raise TypeError("a profile of another dialect")
-        self.dialect, self.tool = dialect, tool
-        self.at = (0.0, 0.0)
-
-    def phrases(self, pen: int) -> Phrases:
-        used = self.program.pens[pen]
-        up, down = ebb.pen_commands(self.tool, used)
-        return Phrases(tuple(ebb.start(self.tool, used)), (up,), (down,), (up,), end=("EM,0,0",))
-
-    def taken(self, pen: JobPen) -> tuple[str, ...]:
-        return tuple(text for text in ebb.start(self.tool, pen) if not text.startswith("EM"))
-
-    def line(self, j: int, pen: JobPen) -> Iterator[str]:
-        points, starts = self.program.polylines
-        line = points[starts[j] : starts[j + 1]]
-        drawn, moves = self._planned(line, self.feeds[j])
-        commands = ebb.xm(moves)
-        first = int(np.count_nonzero(~drawn))
-        up, down = ebb.pen_commands(self.tool, pen)
-        yield from commands[:first]
-        yield down
-        yield from commands[first:]
-        yield up
-
-    def parked(self, pen: int) -> tuple[str, ...]:
-        return self.last()
-
-    def last(self) -> tuple[str, ...]:
-        """The way home."""
-        return tuple(ebb.xm(self._planned(np.zeros((1, 2)), self.program.profile.speeds.travel_mm_min)[1]))
-
-    @cached_property
-    def feeds(self) -> list[float]:
-        return self.program.feeds.tolist()  # type: ignore[no-any-return]
-
-    def _planned(self, line: NDArray[np.float64], feed: float) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        starts, profile = np.array([0, len(line)]), self.program.profile
-        _, drawn, moves = ebb.slices(line, starts, np.array([feed]), profile, self.dialect, self.at)
-        x, y = line[-1].tolist()
-        self.at = x, y
-        return drawn, moves
-
-
 def script(program: Program, copies: int = 1) -> Script:
     """The script of a program in the dialect of its profile."""
-    if isinstance(program.profile.dialect, Gcode):
-        return GcodeScript(program, copies)
-    if isinstance(program.profile.dialect, Hpgl):
-        return HpglScript(program, copies)
-    if isinstance(program.profile.dialect, Ebb):
-        return EbbScript(program, copies)
-    raise PlotError(f"{program.profile.name}: its dialect cannot be driven yet")
+    from strokeplan.plotter.driving.scripts import EbbScript, GcodeScript, HpglScript
+
+    kinds: dict[type, type[Script]] = {Gcode: GcodeScript, Hpgl: HpglScript, Ebb: EbbScript}
+    return kinds[type(program.profile.dialect)](program, copies)

@@ -4,7 +4,8 @@ function listen(app) {
   $("play").addEventListener("click", () => play(app, !app.playing));
   $("slower").addEventListener("click", () => setSpeed(app, app.speed - 1));
   $("faster").addEventListener("click", () => setSpeed(app, app.speed + 1));
-  $("scrub").addEventListener("input", (event) => seek(app, Number(event.target.value)));
+  $("scrub").addEventListener("input", (event) => seekTo(app, Number(event.target.value)));
+  $("show-ways").addEventListener("click", () => showWays(app, !app.ways));
   $("zoom-in").addEventListener("click", () => zoomBy(app, ZOOM_STEP));
   $("zoom-out").addEventListener("click", () => zoomBy(app, 1 / ZOOM_STEP));
   $("zoom-fit").addEventListener("click", () => zoomToFit(app));
@@ -67,6 +68,7 @@ function actionOf(app, { key, shiftKey, target }) {
     "[": () => stepStroke(app, -1),
     "]": () => stepStroke(app, 1),
     l: () => toggleLayers(),
+    w: () => app.plan.plot && showWays(app, !app.ways),
     t: toggleTheme,
     "?": () => $("keys").showModal(),
     Escape: () => choose(app, -1),

@@ -39,6 +39,7 @@ function decode(header, bytes) {
   plan.pressed = header.pressure ? read.bytes(n) : new Uint8Array(n);
   if (header.pressure) decodePressures(plan, read);
   plan.pen = header.pens.length ? read.varints(n) : null;
+  if (header.plot) plan.done = read.varints(n); // hundredths of a second, from one line to the next
   plan.layerOf = new Uint16Array(n);
   header.layers.forEach((layer, k) => plan.layerOf.fill(k, layer.first, layer.last));
   return plan;

@@ -83,6 +83,14 @@ function paceOf({ n, points, starts, widths }) {
   return pace;
 }
 
+// Of a plot: when each line is drawn, by the machine's own motion; the last one when the machine is home.
+function paceOfPlot({ n, done, plot }) {
+  const pace = new Float64Array(n + 1);
+  for (let i = 0, sum = 0; i < n; i++) pace[i + 1] = Math.min((sum += done[i] / 100) / plot.total, 1);
+  pace[n] = 1;
+  return pace;
+}
+
 // The last i with pace[i] ≤ time.
 function strokeAt(pace, time) {
   let low = 0, high = pace.length - 1;

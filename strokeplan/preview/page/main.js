@@ -21,9 +21,9 @@ async function main() {
   if (typeof DecompressionStream === "undefined") throw new Error("this browser is too old; one of 2023 or later will do");
   const plan = await readPlan();
   const poster = $("poster");
-  const boxes = boxesOf(plan), pace = paceOf(plan);
+  const boxes = boxesOf(plan), pace = plan.plot ? paceOfPlot(plan) : paceOf(plan);
   const stage = createStage($("picture"), plan, boxes, poster && (await loaded(poster)));
-  const app = { plan, boxes, pace, stage, grid: null, playing: false, clock: 1, speed: 2, chosen: -1, pinned: false, at: 0 };
+  const app = { plan, boxes, pace, stage, grid: null, playing: false, clock: 1, speed: 2, chosen: -1, pinned: false, at: 0, ways: plan.plot !== null };
   setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   buildLayers(app);
   listen(app);
@@ -61,10 +61,14 @@ function report(app) {
   const { target, busy, painted, view } = stage.state;
   if (app.told !== target) {
     app.told = target;
-    $("scrub").value = target;
-    $("scrub").setAttribute("aria-valuetext", `${count(target)} of ${count(plan.n)} strokes`);
-    $("scrub").style.setProperty("--done", `${(100 * target) / Math.max(plan.n, 1)}%`);
-    $("counter").textContent = count(target);
+    const done = plan.plot ? app.pace[target] * plan.plot.total : target, whole = plan.plot ? plan.plot.total : plan.n;
+    $("scrub").value = done;
+    const lines = `${count(target)} of ${count(plan.n)} ${plan.plot ? "lines" : "strokes"}`;
+    $("scrub").setAttribute("aria-valuetext", plan.plot ? `${clock(done)}, ${lines}` : lines);
+    $("scrub").style.setProperty("--done", `${(100 * done) / Math.max(whole, 1e-9)}%`);
+    $("counter").textContent = plan.plot ? clock(done) : count(target);
+    $("counter").title = lines;
+    drawWays(app);
     if (app.chosen >= target) choose(app, -1);
   }
   const state = busy ? "painting" : "ready";
@@ -76,6 +80,7 @@ function report(app) {
   if (app.shown !== shown) $("picture").dataset.shown = app.shown = shown;
   if (app.marked === view) return;
   drawMark(app);
+  drawWays(app);
   placePaper(app.plan, view);
 }
 
@@ -97,6 +102,8 @@ function fit(app) {
   stage.resize(width, height);
   $("mark").width = width;
   $("mark").height = height;
+  $("ways").width = width;
+  $("ways").height = height;
   stage.setView(enlarged ? panned(view, ...aside, plan, width, height) : fitted(plan, width, height));
   stage.frame(performance.now());
   if (!app.opened) app.opened = performance.mark("strokeplan-first-frame");
@@ -113,6 +120,12 @@ function seek(app, target) {
   const bounded = Math.min(Math.max(Math.round(target), 0), app.plan.n);
   app.clock = app.pace[bounded];
   app.stage.seek(bounded);
+}
+
+// Where the scrub bar is put: at a stroke, or at a moment of a plot.
+function seekTo(app, value) {
+  const { plot, n } = app.plan;
+  seek(app, !plot ? value : value >= plot.total ? n : strokeAt(app.pace, value / plot.total));
 }
 
 function setSpeed(app, speed) {

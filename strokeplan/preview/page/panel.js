@@ -12,13 +12,17 @@ function buildLayers(app) {
     row.querySelector(".count").textContent = count(layer.last - layer.first);
     list.append(row);
     const part = document.createElement("span");
-    part.style.flexGrow = layer.last - layer.first;
+    part.style.flexGrow = plan.plot ? app.pace[layer.last] - app.pace[layer.first] : layer.last - layer.first;
     part.title = layerName(layer);
     bar.append(part);
   });
-  $("summary").textContent = `${count(plan.n)} ${plan.n === 1 ? "stroke" : "strokes"}`;
-  $("total").textContent = count(plan.n);
-  $("scrub").max = plan.n;
+  const things = plan.plot ? "line" : "stroke", summary = `${count(plan.n)} ${things}${plan.n === 1 ? "" : "s"}`;
+  $("summary").textContent = plan.plot ? `${summary}, ${clock(plan.plot.total)}` : summary;
+  $("total").textContent = plan.plot ? clock(plan.plot.total) : count(plan.n);
+  $("scrub").max = plan.plot ? plan.plot.total : plan.n;
+  $("scrub").step = plan.plot ? "any" : 1;
+  for (const element of document.querySelectorAll(".of-plots")) element.hidden = !plan.plot;
+  if (plan.plot) $("scrub").setAttribute("aria-label", "Time plotted");
 }
 
 function layerName(layer) {
@@ -37,6 +41,7 @@ function layerWidths(plan, { first, last, medium }) {
 
 function showLayer(app, layer, shown) {
   app.stage.showLayer(layer, shown);
+  drawWays(app);
   $("layer-list").querySelectorAll("input")[layer].checked = shown;
   if (app.chosen >= 0 && !app.stage.visible[app.plan.layerOf[app.chosen]]) choose(app, -1);
 }
@@ -84,7 +89,7 @@ function describe({ plan }, i) {
   const layer = plan.layers[plan.layerOf[i]], color = colorOf(plan, i);
   $("swatch").style.backgroundColor = color;
   $("color").textContent = color;
-  $("ordinal").textContent = `Stroke ${count(i + 1)}`;
+  $("ordinal").textContent = `${plan.plot ? "Line" : "Stroke"} ${count(i + 1)}`;
   $("in-layer").textContent = layerName(layer);
   $("width").textContent = `${widthText(plan, i)} ${plan.unit}`;
   $("length").textContent = `${number(lengthOf(plan, i))} ${plan.unit}`;

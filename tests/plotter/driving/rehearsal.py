@@ -17,12 +17,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from drawings import drawing
 
 from strokeplan.errors import StrokeplanError
+from strokeplan.plotter.cutting import straight
 from strokeplan.plotter.driving.codecs import baud_of, codec_for
 from strokeplan.plotter.driving.journal import Journal
 from strokeplan.plotter.driving.link import Emergency, Link
 from strokeplan.plotter.driving.streamer import Ending, Streamer, Wish
 from strokeplan.plotter.driving.units import script
-from strokeplan.plotter.layout import straight
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.faults import Faults
@@ -48,7 +48,7 @@ def short_job(name: str, lines: int = 6) -> Program:
         n = 3 + (k * 2) % 4
         x = np.linspace(8, 34, n) + across
         y = 8 + across + 9 * k + np.where(np.arange(n) % 2 == 0, 0.0, 3.0)
-        chains.append(straight(np.column_stack([x, y])))
+        chains.append(straight(np.column_stack([x, y]), np.array([len(x)])))
     page = (297.0, 210.0) if profile.papers else (80.0, 75.0)
     return program(drawing(chains, page), profile, PlotOptions(keep_order=True))
 

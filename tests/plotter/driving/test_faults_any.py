@@ -5,15 +5,12 @@ Some hundreds here; benchmarks/faults.py runs thousands. What is found is kept b
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).parent))
 from rehearsal import check, rehearse, short_job
 from schedules import LEVERS, LOWERED, MACHINES, Wishes, draw_it, schedules, wishes
 

@@ -21,8 +21,8 @@ import pytest
 from rehearsal import missing
 
 from strokeplan.formats import save
+from strokeplan.plotter.cutting import straight
 from strokeplan.plotter.driving import jobs
-from strokeplan.plotter.layout import straight
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.firmware import Firmware, firmware
@@ -82,7 +82,7 @@ def plan_of(lines: int) -> StrokePlan:
     sys.path.insert(0, str(Path(__file__).parent.parent))
     from drawings import drawing
 
-    rows = [straight(np.array([[5.0, 5.0 + 2 * k], [75.0, 5.0 + 2 * k]])) for k in range(lines)]
+    rows = [straight(np.array([[5.0, 5.0 + 2 * k], [75.0, 5.0 + 2 * k]]), np.array([2])) for k in range(lines)]
     return drawing(rows, (80.0, 75.0))
 
 

@@ -139,13 +139,14 @@ def test_a_disk_that_is_full_stops_the_machine_pen_up(name: str) -> None:
     ending, person = drive(job, Memory(full_at=2))
     assert not ending.finished
     assert "No space left" in ending.reason
+    assert ending.done == 2
     assert ending.pen_up
     assert not person.port.device.pen_down
 
 
 def test_a_command_that_is_none_of_drawing_stops_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     job = short_job("grbl_servo")
-    monkeypatch.setattr("strokeplan.plotter.driving.units.GcodeScript.line", lambda *_: iter(["$100=1"]))
+    monkeypatch.setattr("strokeplan.plotter.driving.scripts.GcodeScript.line", lambda *_: iter(["$100=1"]))
     ending, person = drive(job, Memory())
     assert "'$100=1' is no command of drawing" in ending.reason
     assert person.port.device.forbidden == ()

@@ -29,10 +29,10 @@ TRACES = Path(__file__).parent / "traces"
 LINES = 2
 RECORDED: dict[str, tuple[str, Faults, Ending]] = {
     "grbl_servo": ("grbl_servo", Faults(), Ending(2, True)),
-    "grbl_servo-lost-ok": ("grbl_servo", Faults((Fault("drop-reply", 62, "lines"),)), Ending(2, True)),
+    "grbl_servo-lost-ok": ("grbl_servo", Faults((Fault("drop-reply", 74, "lines"),)), Ending(2, True)),
     "grbl_servo-error": (
         "grbl_servo",
-        Faults((Fault("refuse", 200, "bytes"),)),
+        Faults((Fault("refuse", 203, "bytes"),)),
         Ending(0, False, "the machine refuses 'G1 X21 Y64 F2500' (error:20)"),
     ),
     "ender3-resend": ("ender3", Faults((Fault("corrupt-bytes", 400, "bytes"),)), Ending(2, True)),

@@ -21,29 +21,37 @@ from collections import deque
 from dataclasses import dataclass
 
 from strokeplan.errors import DriveError
-from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases, recognise, refuse_other
+from strokeplan.plotter.dialects.gcode import number
+from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases
+from strokeplan.plotter.driving.codecs.grbl_talk import (
+    ANSWER_S,
+    BANNER,
+    BUFFER,
+    NAME,
+    POLL_S,
+    TAGS,
+    ask_state,
+    hold,
+    home,
+    meet,
+    place,
+    query,
+    reset,
+    shift,
+    state_in,
+)
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.through import through
 from strokeplan.plotter.profile import Profile
 from strokeplan.plotter.tools import PwmServo
 
 FLAVOURS = ("grbl", "grblhal", "fluidnc", "drawcore")
-BUFFER = 127
-"""Bytes of the receive buffer that are used where the machine does not say how large it is."""
 MAX_LINE = 79
-POLL_S = 0.25
-"""Between two status polls; the manual asks for at most five a second."""
 SILENT_S = 5.0
-BANNER_S = 3.0
-"""From opening the port to the banner: an Arduino's boot loader takes up to two seconds."""
-ANSWER_S = 3.0
-IDLE_S = 120.0
-"""The longest that a machine may finish what it has."""
 MOST_LOST = 3
 """More answers than these are not lost on a line that works: commands are."""
 AHEAD = 8
 """Lines that are under way at most: a pause waits for them."""
-TAGS = 99
 ASK_S = 0.3
 """After the last answer: what `$G` showed was damaged, and it is asked for again."""
 TRIES = 5
@@ -52,7 +60,6 @@ _WORDS = {
     "M3", "M5", "M7", "M8", "M9",
 }  # fmt: skip
 _COMMAND = re.compile(r"(?:([GM]\d+(?:\.\d)?) ?)?((?:[XYZABCIJPSQFT]-?\d+(?:\.\d+)?(?: |$))*)", re.ASCII)
-_BANNER = re.compile(r"(Grbl|GrblHAL|DrawCore|FluidNC)\b.*\d.*", re.IGNORECASE)
 _HEAD = re.compile(r"F(\d+(?:\.\d+)?)")
 ALARMS = {
     "1": "a limit switch was hit", "2": "the move leaves the travel", "3": "it was reset while it moved",
@@ -81,7 +88,7 @@ class _Awaited:
 class GrblCodec:
     """The codec of a GRBL (codec.py tells what its methods are for)."""
 
-    name = "GRBL"
+    name = NAME
 
     def __init__(self, phrases: Phrases, profile: Profile) -> None:
         self.phrases, self.profile = phrases, profile
@@ -97,6 +104,8 @@ class GrblCodec:
         self.longest_dwell_s = 0.0
         self.out = b""
         self.locked = self.kept = False
+        self.shift: tuple[float, float] | None = None
+        """What G92 has moved the origin by."""
         self.link: Link | None = None
         self.polled = self.heard = self.answered = 0.0
         self.state = ""
@@ -106,86 +115,16 @@ class GrblCodec:
 
     def greet(self, link: Link) -> str:
         self.link = link
-        heard: list[str] = []
-
-        def banner(line: str) -> str | None:
-            heard.append(line)
-            return line if _BANNER.match(line) or recognise(line) not in (None, self.name) else None
-
-        found = link.hear(banner, BANNER_S)
-        refuse_other(self.name, recognise(found or ""))
-        self.kept = found is None  # it did not start anew
-        link.drain(0.2)
-        link.forget()
-        link.say("#")  # what is left of an earlier line, if anything, is refused with it
-        link.drain(0.2)
-        version, options = self._identify(link)
-        found = found or version
-        if found is None:
-            raise DriveError("no answer: is the machine on, is this its port? (the profile speaks GRBL at 115200 baud)")
-        self._be_idle(link)
-        self._measure(options)
-        self._see_tags(link)
-        self._refuse_laser(link)
-        return " ".join(filter(None, [found.split(" [")[0], version]))
-
-    def _identify(self, link: Link) -> tuple[str | None, str]:
-        """What $I says: version, options."""
-        lines = self._query(link, "$I", stop_at_other=True)
-        for line in lines:
-            refuse_other(self.name, recognise(line))
-        version = next((line[5:-1].strip(":") for line in lines if line.startswith("[VER:")), None)
-        return version, next((line for line in lines if line.startswith("[OPT:")), "")
-
-    def _query(self, link: Link, text: str, *, stop_at_other: bool = False) -> list[str]:
-        """What a `$` query answers, up to its ok or error."""
-        lines: list[str] = []
-
-        def collect(line: str) -> bool | None:
-            lines.append(line)
-            other = stop_at_other and recognise(line) not in (None, self.name)
-            return True if line == "ok" or line.startswith(("error", "ALARM")) or other else None
-
-        link.say(text)
-        link.hear(collect, ANSWER_S)
-        return lines
-
-    def _be_idle(self, link: Link) -> None:
-        """Wait for what an earlier host may have left; end a hold. Raises DriveError for a machine that is locked."""
-        until = link.now() + IDLE_S
-        while link.now() < until:
-            state = self._ask_state(link)
-            if state.startswith("Idle"):
-                return
-            if state.startswith("Alarm"):
-                self.locked = True
-                return
-            if state.startswith(("Hold", "Door", "Check", "Sleep")):
-                self.kept = self.kept and not self._reset(link)
-            link.drain(POLL_S, POLL_S)
-        raise DriveError(f"the machine does not come to rest in {IDLE_S:g} s; switch it off and on")
-
-    def _measure(self, options: str) -> None:
-        sizes = re.findall(r",(\d+)", options)
-        if len(sizes) >= 2:
-            self.room = max(int(sizes[1]) - 1, 40)
-
-    def _see_tags(self, link: Link) -> None:
-        link.say(f"T{TAGS + 1}")
-        link.hear(lambda line: True if line == "ok" or line.startswith("error") else None, ANSWER_S)
-        self.tagged = any(
-            line.startswith("[GC:") and f" T{TAGS + 1} " in f"{line[:-1]} " for line in self._query(link, "$G")
-        )
-
-    def _refuse_laser(self, link: Link) -> None:
-        if isinstance(self.profile.tool, PwmServo) and "$32=1" in "\n".join(self._query(link, "$$")).split():
+        met = meet(link)
+        self.kept, self.locked, self.room, self.tagged = met.kept, met.locked, met.room, met.tagged
+        self.shift = shift(link)
+        if isinstance(self.profile.tool, PwmServo) and "$32=1" in query(link, "$$"):
             raise DriveError("the machine is in laser mode ($32=1), which drops the pen on its way; set $32=0")
+        return met.said
 
     def home(self, link: Link) -> None:
-        link.say("$H")
-        found = link.hear(lambda line: line if line == "ok" or line.startswith(("error", "ALARM")) else None, IDLE_S)
-        if found != "ok":
-            raise DriveError(f"the machine does not home ({found or 'no answer'}); has it switches, and is $22 set?")
+        self._settle(link)
+        home(link)
         self.locked = False
 
     def start(self, link: Link) -> None:
@@ -197,57 +136,50 @@ class GrblCodec:
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         through(self, link, commands)
 
-    def _ask_state(self, link: Link, tries: int = 3) -> str:
-        """ "Idle", "Hold:0", …; "" for a machine that is silent."""
-        for _ in range(tries):
-            link.push(b"?")
-            found = link.hear(lambda line: _state(line), 1.0)
-            if found:
-                return found
-        return ""
+    def place(self, link: Link) -> tuple[float, float] | None:
+        self._settle(link)
+        return place(link)
 
-    def _reset(self, link: Link) -> bool:
-        """Soft reset, and its banner; whether the machine is locked after it."""
-        link.forget()
-        link.push(b"\x18")
-        if link.hear(lambda line: line if _BANNER.match(line) else None, BANNER_S) is None:
-            raise DriveError("the machine does not come back from its reset")
-        after = link.drain(0.3)
-        self._clear()
-        return any("unlock" in line.lower() for line in after) or self._ask_state(link).startswith("Alarm")
+    def put(self, link: Link, x: float, y: float) -> str:
+        self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
+        self._settle(link)
+        self.shift = shift(link)
+        return "G92, which lasts until the machine is reset or switched off"
+
+    def _settle(self, link: Link) -> None:
+        """Hear the `ok` of a fence that was proven before it: it must not be taken for another answer."""
+        until = link.now() + ANSWER_S
+        while self.sent and link.now() < until:
+            if data := link.read(POLL_S):
+                self.feed(data, link.now())
+
+    def _shift_again(self, link: Link) -> None:
+        """What G92 said before a reset that the position has survived."""
+        at = self.place(link) if self.shift else None
+        if self.shift and at:
+            self.say(link, (f"G92 X{number(at[0] - self.shift[0])} Y{number(at[1] - self.shift[1])}",))
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         known = fault is None or fault.kind in ("refused", "confused", "held")
         link.forget()
-        if known and not self._hold(link):
+        if known and not hold(link):
             known = False
         if fault is None or fault.kind != "reset":
-            locked = self._reset(link)
+            locked = reset(link)
         else:
             link.drain(0.5)
-            self._clear()
-            locked = self._ask_state(link).startswith("Alarm")
+            locked = ask_state(link).startswith("Alarm")
+        self._clear()
         if locked:
             known = False
-            self._query(link, "$X")
+            query(link, "$X")
         self.say(link, self.phrases.start)
+        if known:
+            self._shift_again(link)
         self.say(link, self.phrases.up if known else self.phrases.lift)
         if fault is None and known:
             self.say(link, self.phrases.park)
         return known
-
-    def _hold(self, link: Link) -> bool:
-        """Feed hold until the machine stands; whether it does (only then does a reset keep the position)."""
-        link.push(b"!")
-        until = link.now() + IDLE_S
-        while link.now() < until:
-            state = self._ask_state(link)
-            if state.startswith(("Hold:0", "Door:0", "Idle")) or state in ("Hold", "Check"):
-                return True
-            if state.startswith(("Alarm", "Sleep")) or not state:
-                return False
-            link.drain(0.05, POLL_S)
-        return False
 
     def emergency(self, link: Link) -> None:
         link.forget()
@@ -328,7 +260,7 @@ class GrblCodec:
                 events += self._acknowledged()
             elif line[0] in "<[":
                 events += self._pushed(line, now)
-            elif line.startswith(("error", "ALARM")) or _BANNER.match(line):
+            elif line.startswith(("error", "ALARM")) or BANNER.match(line):
                 events.append(self._broken(line))
         return events
 
@@ -341,7 +273,7 @@ class GrblCodec:
 
     def _pushed(self, line: str, now: float) -> list[Event]:
         """A status report, or what `$G` shows."""
-        if (state := _state(line)) is not None:
+        if (state := state_in(line)) is not None:
             return self._status(state, now)
         shown = re.search(r"^\[GC:.* T(\d+) F([\d.]+)", line)
         if shown is None or not self.awaited:
@@ -399,10 +331,3 @@ class GrblCodec:
         if self.sent and self.idle_since is not None and min(now - self.idle_since, now - self.answered) > still:
             return [Fault("confused", "the machine rests, and answers are missing: bytes were lost on the way")]
         return []
-
-
-def _state(line: str) -> str | None:
-    """ "Run" of "<Run|MPos:…>"; None for what is no whole status report."""
-    if not (line.startswith("<") and line.endswith(">")):
-        return None
-    return re.split(r"[|,]", line[1:-1])[0]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from strokeplan.errors import DriveError
+from strokeplan.errors import DriveError, InputError
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Note, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.through import through
@@ -67,6 +67,8 @@ class HpglCodec:
         self.clean = False
         self.at: tuple[int, int] | None = None
         self.relative = False
+        self.seen: tuple[int, int] | None = None
+        """The last place that OA told."""
         self.out = b""
         self.free = -1
         self.moved_s = 0.0
@@ -105,6 +107,14 @@ class HpglCodec:
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         self.moved_s = link.now()
         through(self, link, commands)
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        self.seen = None
+        self.say(link, ())
+        return self.seen
+
+    def put(self, link: Link, x: float, y: float) -> str:
+        raise InputError("a pen plotter's zero is its own: move the sheet, or the drawing on it")
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         link.forget()
@@ -209,6 +219,7 @@ class HpglCodec:
     def _placed(self, at: tuple[int, int], now: float) -> list[Event]:
         """The answer of a fence. The error's number is read once: where an answer is lost, an error may be."""
         clean, self.clean = self.clean, False
+        self.seen = at
         self.moved_s = now
         if not self.awaited:
             return []

@@ -20,6 +20,7 @@ from functools import partial, reduce
 from operator import xor
 
 from strokeplan.errors import DriveError
+from strokeplan.plotter.dialects.gcode import number
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Note, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.through import through
@@ -41,7 +42,7 @@ _WORDS = {
 }  # fmt: skip
 _COMMAND = re.compile(r"([GM]\d+)((?: [XYZABCEIJPQSF]-?\d*(?:\.\d+)?)*)", re.ASCII)
 _RESEND = re.compile(r"(?:Resend|rs)\b[:\s]*N?(\d+)", re.IGNORECASE)
-_POSITION = re.compile(r"X:\s*-?\d+\.\d+ Y:\s*-?\d+\.\d+")
+_POSITION = re.compile(r"X:\s*(-?\d+\.\d+) Y:\s*(-?\d+\.\d+)")
 _WIRE = ("checksum", "line number", "expected line")
 
 
@@ -86,6 +87,8 @@ class MarlinCodec:
         self.hold_until: float | None = None
         """After a Resend: nothing is sent until its `ok` has come, or this time."""
         self.told: set[str] = set()
+        self.seen: tuple[float, float] | None = None
+        """The last place that M114 showed."""
 
     # Conversations
 
@@ -142,6 +145,15 @@ class MarlinCodec:
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         self.heard = link.now()
         through(self, link, commands)
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        self.seen = None
+        self.say(link, ())
+        return self.seen
+
+    def put(self, link: Link, x: float, y: float) -> str:
+        self.say(link, (f"G92 X{number(x)} Y{number(y)}",))
+        return "G92, which lasts until the machine is homed, reset or switched off"
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         kind = fault.kind if fault else ""
@@ -238,7 +250,8 @@ class MarlinCodec:
             return (self._shown(now) if place else []) + self._acknowledged(line, now)
         if found := _RESEND.match(line):
             return self._again(int(found[1]), now)
-        if _POSITION.match(line):
+        if place := _POSITION.match(line):
+            self.seen = float(place[1]), float(place[2])
             return self._shown(now)
         if line == "start" or line.startswith("Marlin "):
             return [Fault("reset", "the machine has started anew in the middle (its power, its reset button)")]

@@ -14,7 +14,7 @@ import re
 from collections import deque
 from dataclasses import dataclass
 
-from strokeplan.errors import DriveError
+from strokeplan.errors import DriveError, InputError
 from strokeplan.plotter.driving.codec import Event, Fault, Fence, Fenced, Item, Phrases, recognise, refuse_other
 from strokeplan.plotter.driving.codecs.marlin import MAX_LINE
 from strokeplan.plotter.driving.link import Link
@@ -89,6 +89,23 @@ class UarmCodec:
 
     def say(self, link: Link, commands: tuple[str, ...]) -> None:
         through(self, link, commands)
+
+    def place(self, link: Link) -> tuple[float, float] | None:
+        self.number = self.number % 9000 + 1
+        link.say(f"#{self.number} P2220")
+        found = link.hear(lambda line: self._place(line), GREETING_S)
+        self.heard = link.now()
+        return found
+
+    def _place(self, line: str) -> tuple[float, float] | None:
+        answer = _ANSWER.search(line)
+        found = re.match(r"X(-?[\d.]+) Y(-?[\d.]+)", answer[3]) if answer and int(answer[1]) == self.number else None
+        return None if found is None else (float(found[1]), float(found[2]))
+
+    def put(self, link: Link, x: float, y: float) -> str:
+        raise InputError(
+            "an arm measures where it is: its origin stays; move the sheet, or set offset_mm in its profile"
+        )
 
     def stop(self, link: Link, fault: Fault | None = None) -> bool:
         link.forget()

@@ -1,0 +1,69 @@
+"""What the commands that set a machine up share: a session that ends pen up, and a line about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from strokeplan.plotter.driving.setup import Session
+    from strokeplan.plotter.profile import Point, Profile
+
+SetupPortOption = Annotated[
+    str, typer.Option("--port", metavar="PORT|URL", help="As for plot; auto: the only one that fits the machine.")
+]
+
+
+@contextmanager
+def at_machine(
+    machine: Profile,
+    port: str,
+    baud: int | None,
+    trace: Path | None,
+    *,
+    home: bool = False,
+    at: Point | None = None,
+    pen: str | None = None,
+    moves: bool = True,
+) -> Iterator[Session]:
+    """A session with a machine that was greeted, its pen up; whatever ends the block, the pen is up afterwards."""
+    from strokeplan.cli.driving import opened, traced
+    from strokeplan.cli.operator import signals_heard
+    from strokeplan.plotter.driving.codecs import baud_of
+    from strokeplan.plotter.driving.link import Link
+    from strokeplan.plotter.driving.ports import chosen, keep_awake
+    from strokeplan.plotter.driving.setup import Session, Watch
+    from strokeplan.plotter.driving.transport import open_port
+
+    device, watch = chosen(port, machine), Watch()
+    with (
+        traced(trace) as record,
+        opened(open_port(device, baud or baud_of(machine))) as transport,
+        signals_heard(watch.interrupted),
+    ):
+        keep_awake(transport)
+        session = Session(Link(transport, trace=record, emergency=watch.wanted), machine, pen)
+        typer.echo(f"{'port':<11} {device}: {session.greet()}", err=True)
+        with session.safely(watch):
+            if home:
+                session.home()
+            else:
+                session.begin()
+            if at is not None:
+                session.claim(*at)
+            elif moves and not session.told:
+                typer.echo("note: this machine does not say where it is; it is taken to stand at X0 Y0", err=True)
+            elif moves and not session.sure:
+                place = f"X{session.at[0] + 0.0:g} Y{session.at[1] + 0.0:g}"
+                typer.echo(f"note: opening the port started the machine anew: {place} is where it stands now", err=True)
+            yield session
+
+
+def where(session: Session) -> str:
+    """ "at X1.00 Y2.00, pen up"."""
+    pen = "down" if session.down else "up"
+    return f"at X{session.at[0] + 0.0:.2f} Y{session.at[1] + 0.0:.2f}, pen {pen}"
