@@ -63,7 +63,8 @@ def firmware(profile: Profile, *, faults: Faults = NONE, variant: str | None = N
 
 
 def _device(profile: Profile, variant: str | None) -> Device:
-    from strokeplan.plotter.simulating.grbl import BUILDS, Grbl
+    from strokeplan.plotter.simulating.grbl import Grbl
+    from strokeplan.plotter.simulating.grbl_builds import BUILDS
 
     dialect = profile.dialect
     if isinstance(dialect, Gcode) and dialect.flavour in BUILDS:

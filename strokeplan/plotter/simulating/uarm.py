@@ -32,6 +32,12 @@ class UArm(Marlin):
     def __init__(self, profile: Profile, *, at_mm: Spot = (0.0, 0.0)) -> None:
         super().__init__(profile, Build(arcs=False), boot_s=2.0, at_mm=at_mm)
 
+    def _lose(self) -> None:
+        super()._lose()
+        self.steppers.reset((*self.recorder.at, self.z_slip))  # it measures its joints
+        self.slip, self.z_slip = (0.0, 0.0), 0.0
+        self._position = self.steppers.count
+
     def boot(self) -> Main:
         yield self.now + self.boot_s
         self.say("@1")

@@ -168,7 +168,7 @@ class UarmCodec:
             return []
         events: list[Event] = []
         for line in self.link.lines(data):
-            if line == "@1":
+            if "@1" in line:  # noise may stand before it
                 events.append(Fault("reset", "the arm has started anew in the middle (its power, its reset button)"))
             elif (found := _ANSWER.search(line)) and self.asked is not None and int(found[1]) == self.asked.number:
                 events += self._answered(found[2].lower(), found[3], now)
