@@ -266,3 +266,14 @@ def test_boards_that_are_reset_by_their_port_must_be_put_to_the_origin() -> None
         codec = codec_of(name)
         codec.greet(Link(SimulatedPort(firmware(short_job(name, 1).profile))))
         assert codec.kept is kept
+
+
+def test_marlin_must_be_where_the_line_ends() -> None:
+    for told, kind in ((b"X:3.00 Y:4.01 Z:0.00\n", Fenced), (b"X:3.00 Y:0.00 Z:0.00\n", Fault)):
+        codec = codec_of("ender3")
+        codec.link = Link(SimulatedPort(firmware(short_job("ender3", 1).profile)))  # type: ignore[attr-defined]
+        for item in ("G0 X1 Y2", "G1 X3 Y4 F500", Fence(5)):
+            assert codec.take(item, 0.0)
+            codec.feed(b"ok\n", 0.0)
+        (event,) = codec.feed(told, 0.0)
+        assert isinstance(event, kind)

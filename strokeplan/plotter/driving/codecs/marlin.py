@@ -3,7 +3,8 @@
 The line numbers decide, not the `ok`s: a line whose answer does not come is sent again under its number, and the
 machine either takes it or asks for the next one, which says that it has it. An `ok` after `Resend:` comes from some
 versions and not from others; a line is sent again only when that `ok` has come, or had the time to.
-A fence is M400, which waits for the motion, and M114, whose answer (X:… Y:…) nothing else gives.
+A fence is M400, which waits for the motion, and M114, whose answer (X:… Y:…) nothing else gives, and must be the place
+where the line ends.
 
 Known limits: an 8-bit checksum (XOR) misses one damaged line in 256; in builds without keepalive ("busy:"), a move
 longer than the patience of a line is asked for again, which does no harm.
@@ -32,6 +33,8 @@ PATIENCE_S = 6.0
 """Without any word, a line is sent again; `busy:` comes every two seconds."""
 TRIES = 5
 REMEMBERED = 16
+NEAR_MM = 0.06
+"""M114 rounds to hundredths."""
 SETTLE_S = 0.15
 """An `ok` that belongs to a `Resend:` has come by then."""
 GREETINGS = 5
@@ -43,6 +46,7 @@ _WORDS = {
 _COMMAND = re.compile(r"([GM]\d+)((?: [XYZABCEIJPQSF]-?\d*(?:\.\d+)?)*)", re.ASCII)
 _RESEND = re.compile(r"(?:Resend|rs)\b[:\s]*N?(\d+)", re.IGNORECASE)
 _POSITION = re.compile(r"X:\s*(-?\d+\.\d+) Y:\s*(-?\d+\.\d+)")
+_PLACE = re.compile(r"([XY])(-?\d+(?:\.\d+)?)")
 _WIRE = ("checksum", "line number", "expected line")
 
 
@@ -88,6 +92,9 @@ class MarlinCodec:
         """After a Resend: nothing is sent until its `ok` has come, or this time."""
         self.told: set[str] = set()
         self.seen: tuple[float, float] | None = None
+        self.at: tuple[float | None, float | None] = None, None
+        """Where M114 must see the pen."""
+        self.relative = False
         """The last place that M114 showed."""
 
     # Conversations
@@ -180,7 +187,7 @@ class MarlinCodec:
     def _clear(self) -> None:
         self.waiting.clear()
         self.sent.clear()
-        self.rewinds = 0
+        self.rewinds, self.at, self.relative = 0, (None, None), False
         self.line, self.out, self.hold_until = None, b"", None
 
     # Streaming
@@ -196,9 +203,21 @@ class MarlinCodec:
         if isinstance(item, Fence):
             self.waiting += [("M400", None), ("M114", item.key)]
         else:
+            self._follow(item)
             self.waiting.append((item, None))
         self._next(now)
         return True
+
+    def _follow(self, command: str) -> None:
+        """Where the pen is after a command; None for an axis that is not known."""
+        word = command.split(" ")[0]
+        if word in ("G0", "G1", "G2", "G3", "G5", "G92") and not self.relative:
+            found = {name: float(value) for name, value in _PLACE.findall(command)}
+            self.at = found.get("X", self.at[0]), found.get("Y", self.at[1])
+        elif word == "G28":
+            self.at = None, None
+        elif word in ("G90", "G91"):
+            self.relative = word == "G91"
 
     def _next(self, now: float) -> None:
         """Send the line that waits."""
@@ -294,6 +313,11 @@ class MarlinCodec:
         if self.line is None or self.line.key is None or self.line.shown:
             return []
         self.line.shown, self.rewinds = True, 0
+        for wanted, seen in zip(self.at, self.seen or self.at, strict=True):
+            if wanted is not None and seen is not None and abs(wanted - seen) > NEAR_MM:
+                return [
+                    Fault("confused", f"the pen is not where the line ends, but at {self.seen}: bytes were damaged")
+                ]
         return [Fenced(self.line.key)]
 
     def _again(self, number: int, now: float) -> list[Event]:
