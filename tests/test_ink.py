@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -276,6 +277,13 @@ def test_the_command_line_draws_in_ink(tmp_path: Path, sample_photo: Path) -> No
     plan = strokeplan.load(out)
     assert set(plan.widths.tolist()) == {0.5}
     assert length_mm(plan) <= 2000
+    words = ["--preset", "contour", "--profile", "axidraw_minikit", "--margin", "40", "--max-time", "2min"]
+    ended = CliRunner().invoke(app, ["plan", str(sample_photo), *words, "-o", str(out)])
+    assert ended.exit_code == 0, ended.output
+    assert re.search(r"0:0(1:5\d|2:00) with axidraw_minikit", ended.output)
+    plan = strokeplan.load(out)
+    assert sorted((plan.width, plan.height)) == [101.6, 160]
+    assert plan.points.min() >= 40
     mine = tmp_path / "mine.toml"
     mine.write_text(ink_source("contour"))
     assert "sound; ink" in CliRunner().invoke(app, ["presets", "check", str(mine)]).output

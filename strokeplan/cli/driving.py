@@ -14,15 +14,19 @@ from strokeplan.cli.options import (
     ClipOption,
     GroupBy,
     GroupOption,
+    HiddenOption,
     KeepOrderOption,
     LandscapeOption,
     MarginOption,
     MirrorOption,
     PageOption,
+    PenSetOption,
+    PenWidthOption,
     PlanArgument,
     RotateOption,
     ScaleOption,
     SlotsOption,
+    StrokeLinesOption,
     WithinOption,
 )
 
@@ -62,7 +66,8 @@ TraceOption = Annotated[
     Path | None, typer.Option("--trace", metavar="FILE", help="Record every byte, both ways, with its time.")
 ]
 YesOption = Annotated[
-    bool, typer.Option("--yes", "-y", help="Pen and paper are in place, the pen stands at the origin.")
+    bool,
+    typer.Option("--yes", "-y", help="Pen and paper are in place; changes of pen are still asked for."),
 ]
 HomeOption = Annotated[bool, typer.Option("--home", help="Have the machine look for its switches first.")]
 QuietDrivingOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
@@ -87,6 +92,10 @@ def plot(
     within: WithinOption = None,
     group_by: GroupOption = GroupBy.layer,
     keep_order: KeepOrderOption = False,
+    strokes: StrokeLinesOption = None,
+    hidden: HiddenOption = None,
+    pen_set: PenSetOption = None,
+    pen_width: PenWidthOption = None,
     pen: SlotsOption = None,
     from_stroke: FirstOption = 1,
     layers: LayersOption = None,
@@ -119,6 +128,10 @@ def plot(
         "by_colour": group_by is GroupBy.colour,
         "keep_order": keep_order,
         "slots": list(pen or ()),
+        "strokes": strokes.value if strokes else None,
+        "hidden": hidden.value if hidden else None,
+        "pens": pen_set,
+        "pen_width": pen_width,
     }
     machine = load_profile(profile)
     whole = program(formats.load(plan), machine, plot_options(**asked, within=within))
@@ -149,7 +162,6 @@ def plot(
         work,
         begin,
         0,
-        "the paper is in place",
         home=home,
         yes=yes,
         trace=trace,
@@ -178,10 +190,8 @@ def resume(
         raise InputError(f"job {found.name} is finished; remove it: strokeplan jobs remove {found.name}")
     machine, chosen, work = _rebuilt(found)
     codec = codec_for(machine, work.phrases(int(chosen.pen[found.done % len(chosen)])))
-    pen = chosen.pens[chosen.pen[found.done % len(chosen)]].name
-    place = f"the same sheet lies where it lay, pen {pen!r} is in"
     _drive(
-        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done, place,
+        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done,
         home=home, yes=yes, trace=trace, quiet=quiet,
     )  # fmt: skip
 
@@ -203,12 +213,16 @@ def _order(
     files = {f"plan{suffixes}": data, PROFILE: text}
     if within is not None:
         files["within.svg"] = within.read_bytes()
+    pen_set = str(asked["pens"])
+    if pen_set.endswith(".toml"):
+        files["pens.toml"] = Path(pen_set).read_bytes()
     order = Order(
         plan=f"plan{suffixes}",
         plan_sha256=hashlib.sha256(data).hexdigest(),
         profile=chosen.profile.name,
         options=asked,
         within=None if within is None else "within.svg",
+        pen_set="pens.toml" if "pens.toml" in files else None,
         copies=work.copies,
         port="",
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -232,7 +246,8 @@ def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
     text = content(job, PROFILE)
     machine = parse(text.read_bytes(), str(text), order.profile)
     within = None if order.within is None else content(job, order.within)
-    whole = program(formats.load(check_plan(job)), machine, plot_options(**order.options, within=within))
+    asked = order.options if order.pen_set is None else order.options | {"pens": str(content(job, order.pen_set))}
+    whole = program(formats.load(check_plan(job)), machine, plot_options(**asked, within=within))
     chosen = choose(whole, first=order.first, layers=order.layers, pens=order.pens)
     check_drawing(job, chosen)
     return machine, chosen, script(chosen, order.copies)
@@ -246,7 +261,6 @@ def _drive(
     work: Script,
     begin: Any,
     first: int,
-    place: str,
     *,
     home: bool,
     yes: bool,
@@ -277,7 +291,7 @@ def _drive(
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
         known = codec.kept or home
         where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
-        if not operator.ask(f"{place}; {where}{_believed(link, codec, work)}"):
+        if not operator.place(f"{_in_place(work, first)}; {where}{_believed(link, codec, work)}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
         log = journal(job, work)
@@ -288,6 +302,20 @@ def _drive(
         finally:
             log.close()
     _report(job, work, ending)
+
+
+def _in_place(work: Script, first: int) -> str:
+    """What must be in place before unit `first`, for the person who puts it there."""
+    copy, line = divmod(first, len(work.program))
+    sheet = (
+        "the same sheet lies where it lay"
+        if line
+        else "the next sheet is in place"
+        if copy
+        else "the paper is in place"
+    )
+    pens, pen = work.program.pens, work.program.pens[work.program.pen[line]]
+    return sheet if len(pens) == 1 or work.by_itself else f"{sheet}, pen {pen.name!r} (slot {pen.slot}) is in"
 
 
 def _met(link: Link, codec: Codec, *, home: bool) -> str:

@@ -62,11 +62,14 @@ class Operator:
             self.live = bool(typed)
             self.wishes += [self.keys[key] for key in typed if key in self.keys]
 
-    def ask(self, text: str) -> bool:
-        """Wait for Enter; without a terminal, only --yes goes on."""
+    def place(self, text: str) -> bool:
+        """Make sure of pen and paper before the first stroke; with --yes they are taken to be in place."""
         if self.yes:
             typer.echo(f"{text}: taken as done (--yes)", err=True)
-            return True
+        return self.yes or self.ask(text)
+
+    def ask(self, text: str) -> bool:
+        """Wait for Enter. Nobody can change a pen or a sheet where there is no terminal: then it is a no."""
         if not self.live:
             typer.echo(f"{text}: nobody is here to do it (no terminal)", err=True)
             return False

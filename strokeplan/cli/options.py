@@ -177,8 +177,15 @@ HiddenOption = Annotated[
 NearestPensOption = Annotated[
     str | None,
     typer.Option(
-        "--pens", metavar="SET|FILE|K|profile", help="Colours become the nearest pen's: black, cmyk …, .toml, K pens."
+        "--pens",
+        "--pen-set",
+        metavar="SET|FILE|K|profile",
+        help="Colours become the nearest pen's: cmyk …, .toml, K pens.",
     ),
+]
+PenSetOption = Annotated[
+    str | None,
+    typer.Option("--pen-set", metavar="SET|FILE|K|profile", help="Colours become the nearest pen's: --pens of export."),
 ]
 PenWidthOption = Annotated[
     str | None, typer.Option("--pen-width", metavar="LENGTH", help="Of all pens: 0.5 (mm), 0.5mm, 0.02in.")

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from strokeplan.plotter.estimate import estimate
 from strokeplan.plotter.program import Program
 
+OFF_PAGE_MM = 0.05
+"""Rounding, and the tolerance of lines, are no reason to speak of."""
+
 
 def bounds(program: Program) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Least and largest x and y (2,) that the lines reach, in mm of the machine, within its tolerance."""
@@ -23,7 +26,16 @@ def report(program: Program) -> list[tuple[str, str]]:
     return [
         ("machine", program.profile.description),
         ("page", program.transform.describe()),
-        ("bounds", f"the pen draws within X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm"),
+        ("bounds", f"the pen draws within X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm{_beyond(program)}"),
         *([("pens", ", ".join(shown))] if len(pens) > 1 else []),
         *estimate(program).rows(),
     ]
+
+
+def _beyond(program: Program) -> str:
+    """By how much the drawing leaves its sheet, if it does."""
+    page = program.transform.page
+    corners = program.transform.points(np.array([[0.0, 0.0], [page.width_mm, page.height_mm]]))
+    low, high = bounds(program)
+    beyond = float(np.maximum(corners.min(axis=0) - low, high - corners.max(axis=0)).max())
+    return f": {beyond:.2f} mm beyond the page; --clip cuts it" if beyond > OFF_PAGE_MM else ""

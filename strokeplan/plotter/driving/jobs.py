@@ -40,6 +40,8 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Of the program, as the command line names them."""
     within: str | None = None
     """Name of the copy of an area's SVG."""
+    pen_set: str | None = None
+    """Name of the copy of a set of pens."""
     first: int = 1
     layers: tuple[str, ...] = ()
     pens: tuple[str, ...] = ()

@@ -102,7 +102,7 @@ class Script:
         return isinstance(self.program.profile.tool, Brush)
 
     def units(self, key: int = 0) -> Iterator[Unit]:
-        """All units from position `key` on. The first one has its pen asked for, and a brush is filled before it."""
+        """All units from position `key` on, sheet and pen of the first being in place; a brush is filled before it."""
         stops = self.stops
         before: tuple[int, int] | None = None  # copy and pen
         for k in range(key, len(self)):
@@ -111,12 +111,11 @@ class Script:
             visits_here = stops.get(line, [])
             if before is None and not visits_here:
                 visits_here = self._refill(stops, line)
-            begun = before is None
-            prompt = self._prompt(pen, copy, before)
+            prompt = None if before is None else self._prompt(pen, copy, before)
             changed = before is None or before[1] != pen
             yield Unit(
                 k, line, copy, pen,
-                () if begun or prompt is None else self.parked(before[1] if before else pen),
+                () if before is None or prompt is None else self.parked(before[1]),
                 prompt,
                 self._commands(line, pen, visits_here, changed),
             )  # fmt: skip
@@ -153,13 +152,12 @@ class Script:
             yield from self.visit(stop)
         yield from self.line(line, job_pen)
 
-    def _prompt(self, pen: int, copy: int, before: tuple[int, int] | None) -> str | None:
+    def _prompt(self, pen: int, copy: int, before: tuple[int, int]) -> str | None:
         wanted = self.program.pens[pen]
         asks = []
-        if before is not None and before[0] != copy:
+        if before[0] != copy:
             asks.append(f"copy {copy + 1} of {self.copies}: put in the next sheet")
-        new = before is None or before[1] != pen
-        if new and not self.by_itself and len(self.program.pens) > 1:
+        if before[1] != pen and not self.by_itself:
             asks.append(f"put in pen {wanted.name!r} (slot {wanted.slot})")
         return "; ".join(asks) or None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from drawings import BAR, EYE, SWAN, THREE, drawing, drawn
 from readers import distance
@@ -135,7 +136,9 @@ def test_a_journal_that_cannot_be_made_is_an_error_before_anything_moves(bench: 
 
 def test_options_choose_what_is_drawn_and_how_often(bench: Bench, tmp_path: Path) -> None:
     plan = saved(drawing([SWAN, EYE, BAR], pens=("red", "red", "blue")), tmp_path)
-    run("plot", plan, *PLOT, "--pens", "blue", "--copies", 2, "-q", "--trace", tmp_path / "wire.trace")
+    with pytest.raises(StrokeplanError, match="stopped; 1 of 2 strokes are drawn"):  # nobody puts in the next sheet
+        run("plot", plan, *PLOT, "--pens", "blue", "--copies", 2, "-q", "--trace", tmp_path / "wire.trace")
+    run("resume", "last", "--yes")
     lines = bench.device.drawn.lines
     assert len(lines) == 2
     for line in lines:
@@ -163,3 +166,37 @@ def test_a_plan_that_was_changed_in_the_job_is_refused(tmp_path: Path, monkeypat
         stream.write(" ")
     with pytest.raises(StrokeplanError, match="is not the plan that the job began with"):
         run("resume", "last", "--yes", "--jobs", folder)
+
+
+def test_a_painting_is_resumed_with_its_pens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bundles of passes in the pens of a file, which the job keeps a copy of."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    bench = at(Bench(faults=Faults((Fault("unplug", 6.0, "s"),))), monkeypatch)
+    pens = tmp_path / "mine.toml"
+    pens.write_text('[[pens]]\nname = "ink"\ncolor = "#202020"\nwidth_mm = 1.0\n')
+    options = ("--page", "A6", "--margin", 10, "--landscape", "--strokes", "bundle")
+    with pytest.raises(StrokeplanError, match="continue with: strokeplan resume"):
+        run("plot", saved(THREE, tmp_path), *PLOT, *options, "--pen-set", pens)
+    from strokeplan.cli.machines import plot_options
+
+    asked = plot_options("A6", "10", landscape=True, strokes="bundle", pens=str(pens))
+    wanted = program(THREE, load_profile("grbl_servo"), asked)
+    pens.unlink()
+    assert "strokes; the journal stays" in run("resume", "last", "--yes")
+    assert not missing(wanted, bench.device.drawn)
+
+
+def test_yes_does_not_change_pens(bench: Bench, tmp_path: Path) -> None:
+    """Without a person the machine stops, pen up, where another pen is to be taken."""
+    plan = saved(THREE, tmp_path)
+    with pytest.raises(StrokeplanError, match=r"stopped; \d of 3 strokes are drawn; the pen is up"):
+        run("plot", plan, *PLOT, "--page", "A6", "--pen-set", "3")
+    assert not bench.device.pen_down
+    assert 0 < len(bench.device.drawn) < 3
+
+
+def test_a_drawing_beyond_its_page_is_told(bench: Bench, tmp_path: Path) -> None:
+    far = BAR + np.array([25, 0])  # ends 5 mm right of the canvas
+    for chains, told in (([SWAN, BAR], False), ([SWAN, far], True)):
+        said = run("plot", saved(drawing(chains), tmp_path), "--profile", "grbl_servo", "--dry-run")
+        assert ("5.00 mm beyond the page; --clip cuts it" in said) is told

@@ -50,6 +50,8 @@ class _Asked:
     sent_s: float
     motion_s: float = 0.0
     steps: tuple[int, int] = (0, 0)
+    answered: bool = False
+    """QS, QC: the number has come, and not yet the OK."""
 
     @property
     def name(self) -> str:
@@ -238,10 +240,8 @@ class EbbCodec:
             return [Fault("refused", f"the machine refuses {asked.text!r} ({text})")]
         if name in ("QG", "QM"):
             return self._state(name, text, now)
-        if name == "QS":
-            return self._counted(text)
-        if name == "QC":
-            return self._supply(text)
+        if name in ("QS", "QC"):
+            return self._told(asked, text, whole=line.startswith(f"{name},"))
         if text == "OK":
             self.asked = None
             if name == "EM":
@@ -281,26 +281,31 @@ class EbbCodec:
             self.ask_at = max(now + SOON_S, min(self.busy_until, now + 0.5) if self.fence is not None else 0.0)
         return [Button()] if button else []
 
-    def _counted(self, text: str) -> list[Event]:
-        """The steps of motors 1 and 2 at a fence."""
-        found = re.fullmatch(r"(-?\d+),(-?\d+)", text)
-        if found is None:
+    def _told(self, asked: _Asked, text: str, *, whole: bool) -> list[Event]:
+        """A number at a fence, and the OK behind it, which only legacy syntax has; `whole` if none follows."""
+        if found := re.fullmatch(r"(-?\d+),(-?\d+)", text):
+            asked.answered = True
+            wrong = self._compared(asked.name, int(found[1]), int(found[2]))
+            if wrong is not None:
+                self.asked = None
+                return [wrong]
+        if not (text == "OK" or (whole and asked.answered)):
             return []
         self.asked = None
-        if [int(found[1]), int(found[2])] != [self.steps[0] - self.zero[0], self.steps[1] - self.zero[1]]:
-            self.sure = False
-            return [Fault("reset", "the board's count of steps is not that of the drawing: it has started anew")]
+        if not asked.answered:  # the number was damaged on the way
+            self.questions.insert(0, asked.name)
+        elif asked.name == "QC":
+            return self._passed()
         return []
 
-    def _supply(self, text: str) -> list[Event]:
-        """The motors' supply at a fence; the OK behind it comes in legacy syntax only, and is not waited for."""
-        found = re.fullmatch(r"\d+,(\d+)", text)
-        if found is None:
-            return []
-        if volts(int(found[1])) < LEAST_VOLTS:
-            self.asked = None
-            return [Fault("alarm", "the motors have lost their power: the position is not known any more")]
-        return self._passed()
+    def _compared(self, name: str, one: int, two: int) -> Fault | None:
+        """What is wrong with the steps of the two motors, or with their supply."""
+        if name == "QS" and [one, two] != [self.steps[k] - self.zero[k] for k in range(2)]:
+            self.sure = False
+            return Fault("reset", "the board's count of steps is not that of the drawing: it has started anew")
+        if name == "QC" and volts(two) < LEAST_VOLTS:
+            return Fault("alarm", "the motors have lost their power: the position is not known any more")
+        return None
 
     def _passed(self) -> list[Event]:
         key, self.fence = self.fence, None
