@@ -103,7 +103,6 @@ def test_a_change_of_pen_waits_parked_with_the_pen_up() -> None:
     assert ending.finished
     assert ending.done == 6
     assert [text.split(":")[0] for text in person.asked] == [
-        "put in pen 'red' (slot 1)",
         "put in pen 'blue' (slot 2)",
         "copy 2 of 2",
         "put in pen 'blue' (slot 2)",
@@ -117,7 +116,7 @@ def test_an_ebb_goes_home_for_a_change_of_pen() -> None:
     job = program(drawing([SWAN, EYE, BAR], pens=("red", "red", "blue")), load_profile("axidraw_v3"))
     ending, person = drive(job, Memory())
     assert ending.finished
-    assert person.places[1] == pytest.approx((0.0, 0.0), abs=0.02)
+    assert person.places[0] == pytest.approx((0.0, 0.0), abs=0.02)
     assert not missing(job, person.port.device.drawn)
 
 
