@@ -24,6 +24,7 @@ from strokeplan.hatching import STEP_MM
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.linework import Lines
 from strokeplan.sheet import COARSE
+from strokeplan.sight import Sight, better, forget, lay, lightness_of, look, sight_of
 from strokeplan.tractography import sample
 
 LEAST_LIGHTER = 1.5
@@ -48,32 +49,6 @@ STRAIGHT = 0.9
 """Cosine of the bend that a stroke may have where it grows."""
 ROUNDS = 2
 """How often all strokes are looked at once new ones have come."""
-TRUNCATE = 2.8
-"""The blur ends after so many standard deviations."""
-LEVELS = 4096
-
-
-class _Sight(NamedTuple):
-    """What the eye sees of the drawing, and what a change of it would change; blocks are COARSE × COARSE pixels."""
-
-    layers: NDArray[np.uint16]
-    """How many steps of strokes lie on each pixel."""
-    light: NDArray[np.float32]
-    """Blurred light of each block."""
-    target: NDArray[np.float32]
-    """L* that it should have."""
-    blur: NDArray[np.float32]
-    """What the light around a block gains if one of its pixels becomes bare."""
-    lightness: NDArray[np.float32]
-    """L* of LEVELS + 2 values of light in 0 … 1."""
-    bared: NDArray[np.int32]
-    """Pixels of each block that the change in question makes bare."""
-    gained: NDArray[np.float32]
-    """Scratch: the light that it adds to each block."""
-    box: NDArray[np.int64]
-    """Blocks that it touches: first and last row, first and last column."""
-    radius: float
-    """Half the width of the pen, in pixels."""
 
 
 class _Strokes(NamedTuple):
@@ -124,15 +99,15 @@ def mend(
     which no stroke leaves.
     """
     rows, columns = (-(-side // COARSE) * COARSE for side in shape)
-    sight = _sight(target, (rows, columns), 0.5 * width_mm / pixel_mm, sigma_mm / (pixel_mm * COARSE))
+    sight = sight_of(target, (rows, columns), 0.5 * width_mm / pixel_mm, sigma_mm / (pixel_mm * COARSE))
     tries = np.array([max(round(0.5 * length / STEP_MM), 1) for length in lengths_mm], np.int64)
     room = target.size // 8 + 1000
     strokes, count = _with_room(lines, pixel_mm, least_mm, room, int(2 * tries.max(initial=1)) + 1 + 2 * SPARE)
     ground = _Ground(
         directions, spacing_mm / pixel_mm, size_mm[0] / pixel_mm, size_mm[1] / pixel_mm, STEP_MM / pixel_mm
     )
-    _lay(sight, strokes, count)
-    blurred = _blurred(sight, sigma_mm / (pixel_mm * COARSE))
+    _lay_all(sight, strokes, count)
+    blurred = look(sight, sigma_mm / (pixel_mm * COARSE))
     sight.light[:] = blurred
     order = np.random.default_rng(seed)
     _retouch(sight, strokes, ground, order.permutation(count))
@@ -145,42 +120,6 @@ def mend(
 def compiled() -> bool:
     """Whether the kernels are in Numba's cache."""
     return is_cached(_retouch) and is_cached(_add)
-
-
-def _sight(target: NDArray[np.float32], shape: tuple[int, int], radius: float, sigma: float) -> _Sight:
-    reach = int(TRUNCATE * sigma) + 1
-    bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    bell /= bell.sum()
-    levels = np.arange(LEVELS + 2) / LEVELS
-    table = np.where(levels > 216 / 24389, 116 * np.cbrt(levels) - 16, levels * 24389 / 27).astype(np.float32)
-    blank = np.zeros_like(target)
-    wanted = _bare_outside(target, sigma)
-    return _Sight(
-        layers=np.zeros(shape, np.uint16),
-        light=np.zeros_like(target),
-        target=np.interp(wanted, levels, table).astype(np.float32),
-        blur=(np.outer(bell, bell) / COARSE**2).astype(np.float32),
-        lightness=table,
-        bared=np.zeros(target.shape, np.int32),
-        gained=blank,
-        box=np.array([0, -1, 0, -1]),
-        radius=radius,
-    )
-
-
-def _bare_outside(light: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Blurred light of blocks; beyond the picture is bare paper."""
-    from scipy.ndimage import gaussian_filter
-
-    reach = int(TRUNCATE * sigma) + 1
-    blurred: NDArray[np.float32] = gaussian_filter(light, sigma, mode="constant", cval=1.0, radius=reach)
-    return blurred
-
-
-def _blurred(sight: _Sight, sigma: float) -> NDArray[np.float32]:
-    rows, columns = sight.light.shape
-    bare = (sight.layers == 0).reshape(rows, COARSE, columns, COARSE).mean(axis=(1, 3), dtype=np.float32)
-    return _bare_outside(bare, sigma)
 
 
 def _with_room(lines: Lines, pixel: float, least_mm: float, more: int, slot: int) -> tuple[_Strokes, int]:
@@ -214,16 +153,16 @@ def _left(strokes: _Strokes, count: int, pixel: float) -> Lines:
 
 
 @kernel
-def _lay(sight: _Sight, strokes: _Strokes, count: int) -> None:
+def _lay_all(sight: Sight, strokes: _Strokes, count: int) -> None:
     for s in range(count):
         for k in range(strokes.first[s], strokes.last[s]):
-            _step(sight, strokes.points, k, 1)
+            lay(sight, strokes.points, k, 1)
     sight.bared[:] = 0
-    _nothing(sight)
+    forget(sight)
 
 
 @kernel
-def _retouch(sight: _Sight, strokes: _Strokes, ground: _Ground, order: NDArray[np.int64]) -> None:
+def _retouch(sight: Sight, strokes: _Strokes, ground: _Ground, order: NDArray[np.int64]) -> None:
     """Try what may be better of each stroke, in order."""
     for s in order:
         steps = strokes.last[s] - strokes.first[s]
@@ -245,7 +184,7 @@ def _retouch(sight: _Sight, strokes: _Strokes, ground: _Ground, order: NDArray[n
 
 @kernel
 def _add(
-    sight: _Sight,
+    sight: Sight,
     strokes: _Strokes,
     ground: _Ground,
     order: NDArray[np.int64],
@@ -258,7 +197,7 @@ def _add(
     for half in tries:
         for place in order:
             i, j = place // columns, place % columns
-            if _seen(sight, sight.light[i, j]) - sight.target[i, j] < LEAST_LIGHTER:
+            if lightness_of(sight, sight.light[i, j]) - sight.target[i, j] < LEAST_LIGHTER:
                 continue
             if count >= len(strokes.first):
                 return count
@@ -274,16 +213,16 @@ def _add(
             if bare < (1.0 - MOST_COVERED) * (2 * half + 1):
                 continue
             for k in range(at, at + 2 * half):
-                _step(sight, points, k, 1)
-            if _better(sight, MARGIN):
+                lay(sight, points, k, 1)
+            if better(sight, MARGIN):
                 strokes.last[count] = at + 2 * half
                 strokes.least[count] = LEAST_STEPS
                 strokes.most[count] = int(GROWN * 2 * half) + 1
                 count += 1
             else:
                 for k in range(at, at + 2 * half):
-                    _step(sight, points, k, -1)
-                _nothing(sight)
+                    lay(sight, points, k, -1)
+                forget(sight)
     return count
 
 
@@ -314,42 +253,42 @@ def _grow(ground: _Ground, points: NDArray[np.float64], at: int, side: int, n: i
 
 
 @leaf
-def _take_away(sight: _Sight, strokes: _Strokes, s: int) -> bool:
+def _take_away(sight: Sight, strokes: _Strokes, s: int) -> bool:
     first, last = strokes.first[s], strokes.last[s]
     for k in range(first, last):
-        _step(sight, strokes.points, k, -1)
-    if _better(sight, WORTH):
+        lay(sight, strokes.points, k, -1)
+    if better(sight, WORTH):
         strokes.last[s] = first - 1
         return True
     for k in range(first, last):
-        _step(sight, strokes.points, k, 1)
-    _nothing(sight)
+        lay(sight, strokes.points, k, 1)
+    forget(sight)
     return False
 
 
 @leaf
-def _shorten(sight: _Sight, strokes: _Strokes, s: int, end: int, n: int) -> bool:
+def _shorten(sight: Sight, strokes: _Strokes, s: int, end: int, n: int) -> bool:
     """Take n steps from the end (1) or the beginning (−1)."""
     first, last = strokes.first[s], strokes.last[s]
     if last - first - n < strokes.least[s]:
         return False
     a, b = (last - n, last) if end > 0 else (first, first + n)
     for k in range(a, b):
-        _step(sight, strokes.points, k, -1)
-    if _better(sight, WORTH):
+        lay(sight, strokes.points, k, -1)
+    if better(sight, WORTH):
         if end > 0:
             strokes.last[s] = last - n
         else:
             strokes.first[s] = first + n
         return True
     for k in range(a, b):
-        _step(sight, strokes.points, k, 1)
-    _nothing(sight)
+        lay(sight, strokes.points, k, 1)
+    forget(sight)
     return False
 
 
 @leaf
-def _lengthen(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, end: int, n: int) -> bool:
+def _lengthen(sight: Sight, strokes: _Strokes, ground: _Ground, s: int, end: int, n: int) -> bool:
     """Add n steps along the field to the end (1) or the beginning (−1)."""
     first, last, points = strokes.first[s], strokes.last[s], strokes.points
     at = last if end > 0 else first
@@ -370,21 +309,21 @@ def _lengthen(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, end: in
         return False
     a, b = (at, far) if end > 0 else (far, at)
     for k in range(a, b):
-        _step(sight, points, k, 1)
-    if _better(sight, WORTH):
+        lay(sight, points, k, 1)
+    if better(sight, WORTH):
         if end > 0:
             strokes.last[s] = far
         else:
             strokes.first[s] = far
         return True
     for k in range(a, b):
-        _step(sight, points, k, -1)
-    _nothing(sight)
+        lay(sight, points, k, -1)
+    forget(sight)
     return False
 
 
 @leaf
-def _shift(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, dx: float, dy: float) -> bool:
+def _shift(sight: Sight, strokes: _Strokes, ground: _Ground, s: int, dx: float, dy: float) -> bool:
     """Move a stroke."""
     first, last = strokes.first[s], strokes.last[s]
     points = strokes.points
@@ -392,105 +331,20 @@ def _shift(sight: _Sight, strokes: _Strokes, ground: _Ground, s: int, dx: float,
         if not (0.0 <= points[k, 0] + dx <= ground.right and 0.0 <= points[k, 1] + dy <= ground.bottom):
             return False
     for k in range(first, last):
-        _step(sight, points, k, -1)
+        lay(sight, points, k, -1)
     for k in range(first, last + 1):
         points[k, 0] += dx
         points[k, 1] += dy
     for k in range(first, last):
-        _step(sight, points, k, 1)
-    if _better(sight, WORTH):
+        lay(sight, points, k, 1)
+    if better(sight, WORTH):
         return True
     for k in range(first, last):
-        _step(sight, points, k, -1)
+        lay(sight, points, k, -1)
     for k in range(first, last + 1):
         points[k, 0] -= dx
         points[k, 1] -= dy
     for k in range(first, last):
-        _step(sight, points, k, 1)
-    _nothing(sight)
+        lay(sight, points, k, 1)
+    forget(sight)
     return False
-
-
-@leaf
-def _step(sight: _Sight, points: NDArray[np.float64], k: int, sign: int) -> None:
-    """Lay the step from point k to the next (1), or take it away (−1)."""
-    ax, ay = points[k, 0], points[k, 1]
-    dx, dy = points[k + 1, 0] - ax, points[k + 1, 1] - ay
-    length2, radius2 = dx * dx + dy * dy, sight.radius * sight.radius
-    left = max(int(np.ceil(min(ax, ax + dx) - sight.radius - 0.5)), 0)
-    right = min(int(np.floor(max(ax, ax + dx) + sight.radius - 0.5)), sight.layers.shape[1] - 1)
-    top = max(int(np.ceil(min(ay, ay + dy) - sight.radius - 0.5)), 0)
-    bottom = min(int(np.floor(max(ay, ay + dy) + sight.radius - 0.5)), sight.layers.shape[0] - 1)
-    box = sight.box
-    for i in range(top, bottom + 1):
-        for j in range(left, right + 1):
-            px, py = j + 0.5 - ax, i + 0.5 - ay
-            t = 0.0
-            if length2 > 0.0:
-                t = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
-            ex, ey = px - t * dx, py - t * dy
-            if ex * ex + ey * ey > radius2:
-                continue
-            was = sight.layers[i, j]
-            sight.layers[i, j] = was + 1 if sign > 0 else was - 1
-            if was == (0 if sign > 0 else 1):
-                u, v = i // COARSE, j // COARSE
-                sight.bared[u, v] -= sign
-                box[0], box[1] = min(box[0], u), max(box[1], u)
-                box[2], box[3] = min(box[2], v), max(box[3], v)
-
-
-@leaf
-def _nothing(sight: _Sight) -> None:
-    """No change is in question."""
-    sight.box[0], sight.box[1] = sight.bared.shape[0], -1
-    sight.box[2], sight.box[3] = sight.bared.shape[1], -1
-
-
-@leaf
-def _better(sight: _Sight, share: float) -> bool:
-    """Whether the change in question takes that share of the squared difference around it; then it is made."""
-    rows, columns = sight.light.shape
-    box, reach, bared = sight.box, sight.blur.shape[0] // 2, sight.bared
-    if box[1] < 0:
-        return False
-    top, bottom = max(box[0] - reach, 0), min(box[1] + reach + 1, rows)
-    left, right = max(box[2] - reach, 0), min(box[3] + reach + 1, columns)
-    gained = sight.gained
-    for u in range(top, bottom):
-        for v in range(left, right):
-            gained[u, v] = 0.0
-    for u in range(box[0], box[1] + 1):
-        for v in range(box[2], box[3] + 1):
-            if bared[u, v] == 0:
-                continue
-            part = np.float32(bared[u, v])
-            low, high = max(v - reach, 0), min(v + reach + 1, columns)
-            for i in range(max(u - reach, 0), min(u + reach + 1, rows)):
-                for j in range(low, high):
-                    gained[i, j] += part * sight.blur[i - u + reach, j - v + reach]
-    before, after = 0.0, 0.0
-    for u in range(top, bottom):
-        for v in range(left, right):
-            wanted = sight.target[u, v]
-            before += (_seen(sight, sight.light[u, v]) - wanted) ** 2
-            after += (_seen(sight, sight.light[u, v] + gained[u, v]) - wanted) ** 2
-    if after >= (1.0 - share) * before:
-        return False
-    for u in range(top, bottom):
-        for v in range(left, right):
-            sight.light[u, v] += gained[u, v]
-    for u in range(box[0], box[1] + 1):
-        for v in range(box[2], box[3] + 1):
-            bared[u, v] = 0
-    _nothing(sight)
-    return True
-
-
-@leaf
-def _seen(sight: _Sight, light: float) -> float:
-    """L* of light, between two entries of the table."""
-    at = min(max(light, 0.0), 1.0) * LEVELS
-    k = int(at)
-    low = sight.lightness[k]
-    return float(low + (at - k) * (sight.lightness[k + 1] - low))
