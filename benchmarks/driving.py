@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
+from strokeplan.plotter.cutting import straight
 from strokeplan.plotter.driving.codecs import codec_for
 from strokeplan.plotter.driving.journal import Journal
 from strokeplan.plotter.driving.link import Link
 from strokeplan.plotter.driving.streamer import Ending, Streamer
 from strokeplan.plotter.driving.transport import Transport, open_port
 from strokeplan.plotter.driving.units import script
-from strokeplan.plotter.layout import straight
 from strokeplan.plotter.profile import Profile, load_profile
 from strokeplan.plotter.program import PlotOptions, Program, program
 from strokeplan.plotter.simulating.firmware import firmware
