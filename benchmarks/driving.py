@@ -140,7 +140,7 @@ def short_segments(lines: int, points: int) -> Program:
     for k in range(lines):
         x = 5 + 0.08 * np.arange(points)
         y = 8 + 180 * (k + 0.5) / lines + 0.9 * np.sin(x)
-        chains.append(straight(np.column_stack([x, y])))
+        chains.append(straight(np.column_stack([x, y]), np.array([len(x)])))
     profile = load_profile("grbl_servo")
     import msgspec
 
@@ -199,7 +199,10 @@ def memory(folder: Path, lines: int) -> None:
     rng = np.random.default_rng(2)
     begin = rng.uniform(5, 270, (lines, 1)), rng.uniform(5, 190, (lines, 1))
     steps = np.linspace(0, 4, 8)
-    chains = [straight(np.column_stack([begin[0][k] + steps, begin[1][k] + np.sin(steps)])) for k in range(lines)]
+    chains = [
+        straight(np.column_stack([begin[0][k] + steps, begin[1][k] + np.sin(steps)]), np.array([8]))
+        for k in range(lines)
+    ]
     job = job_of(chains, load_profile("grbl_servo"))
     del chains
     job.polylines  # noqa: B018
