@@ -31,7 +31,10 @@ def joined(parts: Sequence[Lines]) -> Lines:
 
 
 def chains(lines: Lines, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Chains of cubics within about `tolerance` of lines of two points and more: points and starts of a StrokePlan."""
+    """Chains of cubics within about `tolerance` of lines of two points and more: points and starts of a StrokePlan.
+
+    A line whose points are all the same is a dot: one cubic of no length.
+    """
     points = np.empty((3 * len(lines.points) + 1, 2))
     starts = np.zeros(len(lines.starts), np.int64)
     longest = int(np.diff(lines.starts).max(initial=0))
@@ -51,5 +54,9 @@ def _chains(
     room, vertices = scratch_inside(longest), np.empty((longest, 2))
     for line in range(len(begins) - 1):
         n = rdp(lines, begins[line], begins[line + 1], 0.25 * tolerance, vertices, room)
+        if n == 1:
+            points[starts[line] : starts[line] + 4] = vertices[0]
+            starts[line + 1] = starts[line] + 4
+            continue
         pieces = fit(vertices, n, 0.75 * tolerance, True, points, starts[line], room)
         starts[line + 1] = starts[line] + 3 * pieces + 1

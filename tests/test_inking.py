@@ -234,3 +234,13 @@ def test_chains_stay_on_their_lines() -> None:
     assert cKDTree(lines.points).query(on_curve)[0].max() < 0.1
     assert len(points) < 0.5 * len(lines.points)
     assert len(chains(NO_LINES, 0.04)[0]) == 0
+
+
+def test_a_line_that_is_a_point_is_a_dot() -> None:
+    """A dash in the corner of the sheet has no way to go; its chain was whatever stood in memory."""
+    line = np.array([[10.0, 10.0], [20.0, 12.0], [30.0, 10.0]])
+    lines = Lines(np.concatenate([line, np.full((11, 2), 7.0), line]), np.array([0, 3, 14, 17]))
+    points, starts = chains(lines, 0.05)
+    assert np.diff(starts).tolist() == [starts[1], 4, starts[1]]
+    assert (points[starts[1] : starts[2]] == 7.0).all()
+    assert np.array_equal(points[: starts[1]], points[starts[2] :])
