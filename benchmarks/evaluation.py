@@ -64,7 +64,7 @@ ABLATION: dict[str, dict[str, dict[str, Change]]] = {
             "finest layer once": {"layers": "1-4"},
             "no widest layer": {"layers": "2-5"},
             "no pruning": {"planner.PRUNE": 0.0},
-            "colours not solved": {"pursuit.DAMPING": 0.0},
+            "colours not solved": {"pursuit.finishing.DAMPING": 0.0},
             "gain regardless of contrast": {"planner.UNSEEN": 0.0},
         },
         "The method": METHOD,

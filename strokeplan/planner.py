@@ -51,7 +51,8 @@ from strokeplan.palette import choose_colors, color_table, plan_palette
 from strokeplan.pens import PenSet
 from strokeplan.presets import LayerPreset, Preset, Recipe, load_preset, load_recipe
 from strokeplan.pressure import add_pressure
-from strokeplan.pursuit import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Pursuit, Rules
+from strokeplan.pursuit import Pursuit
+from strokeplan.pursuit.scene import CELL_WIDTHS, SEEDINGS, TRIGGER, UNCOVERED, Rules
 from strokeplan.resolution import load_for, working_copy
 from strokeplan.strokes import Layer, Source, StrokePlan, hex_to_rgb
 from strokeplan.tractography import splitmix64, track

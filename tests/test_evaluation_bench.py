@@ -92,7 +92,7 @@ def test_constants_of_modules_are_there_and_are_changed_for_one_measurement(monk
     monkeypatch.setattr(strokeplan, "plan", plan)
     before = planner.PRUNE
     for key in sorted(parts):
-        module, name = key.split(".")
+        module, name = key.rsplit(".", 1)
         assert hasattr(import_module(f"strokeplan.{module}"), name)
     with pytest.raises(InterruptedError):
         evaluation.measure(ROOT / "samples" / "coffee.jpg", evaluation.variant("fine", {"planner.PRUNE": 0.125}))

@@ -20,7 +20,8 @@ from strokeplan.merging import LONGEST, merge
 from strokeplan.painting import Brush, LayerStrokes, Workers, layer_brush, paint_strokes, wander_key
 from strokeplan.planner import Report, layer_field
 from strokeplan.presets import load_preset
-from strokeplan.pursuit import SEEDINGS, Pursuit, Rules
+from strokeplan.pursuit import Pursuit
+from strokeplan.pursuit.scene import SEEDINGS, Rules
 
 WIDTH, LENGTH = 4.0, 400.0
 RED, NEARLY_RED, BLUE = 0xC02020, 0xC42424, 0x2020C0

@@ -18,7 +18,9 @@ from strokeplan.image import as_photo
 from strokeplan.painting import Brush, LayerStrokes, Workers, layer_brush, wander_key
 from strokeplan.planner import layer_field, layer_tract
 from strokeplan.presets import Preset, load_preset
-from strokeplan.pursuit import BY_ERROR, EVEN, GRID, SEEDINGS, TEST_DISTANCE, WORST_FIRST, Pursuit, Rules
+from strokeplan.pursuit import Pursuit
+from strokeplan.pursuit.scene import BY_ERROR, EVEN, GRID, SEEDINGS, WORST_FIRST, Rules
+from strokeplan.pursuit.trying import TEST_DISTANCE
 
 Picture = NDArray[np.uint8]
 WORDS = {number: name for name, number in SEEDINGS.items()}
