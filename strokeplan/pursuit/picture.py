@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from strokeplan.canvas import Packed, mean_distance
 from strokeplan.jit import leaf
-from strokeplan.painting import LayerStrokes, Workers
+from strokeplan.painting import LayerStrokes
 from strokeplan.pursuit.colours import add_flat, add_shown, mean_colours, squared_distance
+from strokeplan.workers import Workers
 
 Result = TypeVar("Result")
 

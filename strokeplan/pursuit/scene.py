@@ -14,16 +14,8 @@ from strokeplan.canvas import Packed
 from strokeplan.jit import inlined
 from strokeplan.pursuit.colours import pixel, squared_distance, suited
 
-TRIGGER = 2.0
-"""A cell is tried if strokes of this part of the greatest length, all as bad as the cell, would gain enough."""
-CELL_WIDTHS = 2.0
-"""Side of the cells of strokes kept by gain, in widths of their brush. With cells of one width, three times as
-many seeds are tried for 0.1 dB at the same number of strokes."""
 BARE = 2.0**40
 """Error of a pixel that must be covered and is bare: above all that a stroke of any width can lose."""
-UNCOVERED = 2.0**20
-"""Least mean error of a cell that holds a bare pixel, while none without is as bad: a picture is covered by strokes
-that are needed for that, before it is bettered."""
 
 GRID, WORST_FIRST, BY_ERROR, EVEN = range(4)
 SEEDINGS = {"grid": GRID, "worst-first": WORST_FIRST, "error": BY_ERROR, "even": EVEN}

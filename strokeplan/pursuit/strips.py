@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, leaf
-from strokeplan.painting import Brush, LayerStrokes, Workers
+from strokeplan.painting import Brush, LayerStrokes
 from strokeplan.pursuit.cells import Strip, cell_count
 from strokeplan.pursuit.picture import Picture
 from strokeplan.pursuit.scene import BARE, EVEN, Kept, Rules, Scene, Tally
 from strokeplan.pursuit.seeding import TRIES, Seeds, next_seed, sow
 from strokeplan.pursuit.trying import Easel, set_up, try_stroke, widest
+from strokeplan.workers import Workers
 
 Laid = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.uint32]]
 """Points, their count for each stroke, widths and colours."""
