@@ -32,7 +32,7 @@ from strokeplan.presets import Preset, load_preset, names
 
 Change = dict[str, Any]
 """Values of a preset replaced: "×2" multiplies, layers.* are all layers, `layers = "1-4"` keeps only those, and
-planner.PRUNE is a constant of that module."""
+layering.PRUNE is a constant of that module."""
 SCALES: dict[str, dict[str, Change]] = {
     "Scale σ": {f"σ {factor}": {"layers.*.sigma": factor} for factor in ("×0.25", "×0.5", "×2", "×4")},
     "Derivative σ_d": {f"σ_d = {value}": {"derivative_sigma": value} for value in (0.5, 2)},
@@ -63,9 +63,9 @@ ABLATION: dict[str, dict[str, dict[str, Change]]] = {
             "canvas not covered first": {"cover": False},
             "finest layer once": {"layers": "1-4"},
             "no widest layer": {"layers": "2-5"},
-            "no pruning": {"planner.PRUNE": 0.0},
-            "colours not solved": {"pursuit.DAMPING": 0.0},
-            "gain regardless of contrast": {"planner.UNSEEN": 0.0},
+            "no pruning": {"layering.PRUNE": 0.0},
+            "colours not solved": {"pursuit.finishing.DAMPING": 0.0},
+            "gain regardless of contrast": {"layering.UNSEEN": 0.0},
         },
         "The method": METHOD,
         "The paper's future work, as options": {
@@ -100,7 +100,7 @@ ABLATION: dict[str, dict[str, dict[str, Change]]] = {
     },
 }
 """Preset → chapter → variant → what is changed."""
-PARTS = ("planner", "pursuit")
+PARTS = ("layering", "pursuit")
 """Modules of strokeplan with constants that are varied."""
 BASE = "fine"
 """The preset whose directions are compared photo by photo."""

@@ -20,7 +20,8 @@ from PIL import Image
 from strokeplan.figures import montage, shrink, side_by_side, spread_figure
 from strokeplan.formats import write
 from strokeplan.image import load_photo
-from strokeplan.planner import layer_field, layer_spread, plan
+from strokeplan.layer_fields import layer_field, layer_spread
+from strokeplan.planner import plan
 from strokeplan.presets import load_preset, names, style
 from strokeplan.rendering import encode_png, render
 

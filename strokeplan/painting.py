@@ -11,10 +11,10 @@ A cell they guessed wrong costs time and changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,7 @@ from strokeplan.field import OrientationField
 from strokeplan.jit import is_cached, kernel, leaf
 from strokeplan.presets import LayerPreset, Preset
 from strokeplan.tractography import splitmix64, trace, tract_capacity
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+from strokeplan.workers import Workers
 
 BATCHES = 100
 """Parts of a layer between which progress is told, and Ctrl-C heard."""
@@ -35,25 +33,6 @@ AHEAD_POINTS_PER_CELL = 8
 """Room for strokes traced ahead, for each cell of a batch; most cells get none."""
 BEND_WIDTHS = 4.0
 """Widths of the brush over which a wandering stroke changes its deviation: what turns faster looks shaky."""
-
-
-@dataclass(frozen=True, slots=True)
-class Workers:
-    """Threads beside the one that paints; without an executor there are none."""
-
-    executor: Executor | None = None
-    count: int = 0
-
-    def run(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """`work` of every item; this thread does what no other has begun."""
-        if self.executor is None:
-            return [work(item) for item in items]
-        futures = [self.executor.submit(work, item) for item in items]
-        results: dict[int, Result] = {}
-        for k in reversed(range(len(items))):  # the threads begin at the front
-            if futures[k].cancel():
-                results[k] = work(items[k])
-        return [results[k] if k in results else future.result() for k, future in enumerate(futures)]
 
 
 class Axis(NamedTuple):

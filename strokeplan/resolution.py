@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 from PIL import Image
 
@@ -22,6 +23,9 @@ SPARED = 1.25
 """… unless the photo's own is within this factor of it: resampling would cost sharpness for nothing."""
 LARGEST_ENLARGEMENT = 4.0
 """A photo smaller than this part of that resolution has nothing that a brush so fine could show."""
+
+NARROWEST_PX = 1.0
+"""Least relative width at the working resolution."""
 
 
 def working_size(style: Preset, width: int, height: int) -> tuple[int, int]:
@@ -40,6 +44,20 @@ def working_copy(photo: Photo, style: Preset) -> Photo:
         return replace(photo, size=None)
     shown = Image.fromarray(photo.rgb).resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
     return replace(photo, rgb=np.asarray(shown), size=None)
+
+
+def working_preset(style: Preset, work: Photo, spare: float) -> Preset:
+    """A preset in pixels of its working copy. Of relative widths none is below a pixel, as they would be on the
+    smallest photos: such strokes pass between the centres of pixels and cover nothing. Where the first layer is to
+    cover the canvas, it has twice what it must spare."""
+    preset = style.for_photo(work.width, work.height)
+    if style.lengths == "pixels":
+        return preset
+    layers = tuple(
+        msgspec.structs.replace(layer, width=max(layer.width, 2 * spare if k == 0 and preset.cover else NARROWEST_PX))
+        for k, layer in enumerate(preset.layers)
+    )
+    return msgspec.structs.replace(preset, layers=layers)
 
 
 def load_for(path: str | os.PathLike[str], style: Preset) -> Photo:

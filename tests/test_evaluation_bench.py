@@ -14,7 +14,7 @@ import pytest
 from conftest import ROOT
 
 import strokeplan
-from strokeplan import planner
+from strokeplan import layering
 from strokeplan.formats.svg import encode
 from strokeplan.image import Photo
 from strokeplan.presets import Preset, load_preset
@@ -86,17 +86,17 @@ def test_constants_of_modules_are_there_and_are_changed_for_one_measurement(monk
     seen = []
 
     def plan(*_: Any, **__: Any) -> None:
-        seen.append(planner.PRUNE)
+        seen.append(layering.PRUNE)
         raise InterruptedError
 
     monkeypatch.setattr(strokeplan, "plan", plan)
-    before = planner.PRUNE
+    before = layering.PRUNE
     for key in sorted(parts):
-        module, name = key.split(".")
+        module, name = key.rsplit(".", 1)
         assert hasattr(import_module(f"strokeplan.{module}"), name)
     with pytest.raises(InterruptedError):
-        evaluation.measure(ROOT / "samples" / "coffee.jpg", evaluation.variant("fine", {"planner.PRUNE": 0.125}))
-    assert (seen, planner.PRUNE) == ([0.125], before)
+        evaluation.measure(ROOT / "samples" / "coffee.jpg", evaluation.variant("fine", {"layering.PRUNE": 0.125}))
+    assert (seen, layering.PRUNE) == ([0.125], before)
 
 
 def test_differences_are_taken_photo_by_photo() -> None:

@@ -14,11 +14,14 @@ import pytest
 
 from strokeplan import canvas, curves, field, jit, painting, tractography
 from strokeplan.jit import is_cached
+from strokeplan.pursuit import cells, closely, colours, finishing, picture, pruning, scene, seeding, strips, trying
+
+PURSUIT = (cells, closely, colours, finishing, picture, pruning, scene, seeding, strips, trying)
 
 
 def kernels() -> list[object]:
     found = []
-    for module in (canvas, curves, field, painting, tractography):
+    for module in (canvas, curves, field, painting, tractography, *PURSUIT):
         found += [value for value in vars(module).values() if hasattr(value, "py_func")]
     assert len(found) > 20
     return found

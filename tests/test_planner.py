@@ -20,8 +20,10 @@ from strokeplan import painting
 from strokeplan.canvas import paint_chain, unpack
 from strokeplan.formats import json as strokes_json
 from strokeplan.image import as_photo
+from strokeplan.layer_fields import layer_field, layer_spread, layer_tract
+from strokeplan.layering import Progress
 from strokeplan.painting import cell_axis, wander_key
-from strokeplan.planner import Progress, Report, layer_field, layer_spread, layer_tract
+from strokeplan.planner import Report
 from strokeplan.presets import Preset, load_preset
 from strokeplan.strokes import StrokePlan
 

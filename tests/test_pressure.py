@@ -17,7 +17,7 @@ import strokeplan
 from strokeplan.errors import InputError
 from strokeplan.field import OrientationField
 from strokeplan.image import as_photo
-from strokeplan.planner import layer_field
+from strokeplan.layer_fields import layer_field
 from strokeplan.pressure import (
     FEEL,
     FLOOR,

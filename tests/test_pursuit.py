@@ -15,10 +15,13 @@ from scipy.spatial import cKDTree
 from strokeplan.canvas import pack, paint_chain, unpack
 from strokeplan.field import OrientationField
 from strokeplan.image import as_photo
-from strokeplan.painting import Brush, LayerStrokes, Workers, layer_brush, wander_key
-from strokeplan.planner import layer_field, layer_tract
+from strokeplan.layer_fields import layer_field, layer_tract
+from strokeplan.painting import Brush, LayerStrokes, layer_brush, wander_key
 from strokeplan.presets import Preset, load_preset
-from strokeplan.pursuit import BY_ERROR, EVEN, GRID, SEEDINGS, TEST_DISTANCE, WORST_FIRST, Pursuit, Rules
+from strokeplan.pursuit import Pursuit
+from strokeplan.pursuit.scene import BY_ERROR, EVEN, GRID, SEEDINGS, WORST_FIRST, Rules
+from strokeplan.pursuit.trying import TEST_DISTANCE
+from strokeplan.workers import Workers
 
 Picture = NDArray[np.uint8]
 WORDS = {number: name for name, number in SEEDINGS.items()}

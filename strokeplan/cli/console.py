@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from strokeplan.ink import Progress as Drawing
-    from strokeplan.planner import Progress
+    from strokeplan.layering import Progress
 
 Result = TypeVar("Result")
 

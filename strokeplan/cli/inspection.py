@@ -47,7 +47,8 @@ def inspect(
     from strokeplan import figures, formats, presets, rendering
     from strokeplan.errors import FormatError
     from strokeplan.image import load_photo
-    from strokeplan.planner import layer_field, layer_spread, layer_tract, plan
+    from strokeplan.layer_fields import layer_field, layer_spread, layer_tract
+    from strokeplan.planner import plan
 
     rendering.require_cairo()
     formats.check_folder(output)

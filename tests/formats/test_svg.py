@@ -27,7 +27,7 @@ import strokeplan
 from strokeplan import StrokePlan
 from strokeplan.curves import flatten
 from strokeplan.formats.svg import encode
-from strokeplan.planner import layer_field
+from strokeplan.layer_fields import layer_field
 from strokeplan.pressure import add_pressure
 from strokeplan.rendering import encode_png, render
 from strokeplan.strokes import Layer, Source
