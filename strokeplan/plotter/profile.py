@@ -27,7 +27,7 @@ from strokeplan.files import atomic_write
 from strokeplan.page import Page, parse_page
 from strokeplan.pens import MAX_WIDTH_MM, MIN_WIDTH_MM
 from strokeplan.plotter.dialects.words import Flavour, check_lines
-from strokeplan.plotter.tools import AngleServo, Brush, Carousel, EbbServo, PwmServo, Tool, ZPen
+from strokeplan.plotter.tools import AngleServo, Brush, Carousel, EbbBrush, EbbServo, PwmServo, Tool, ZBrush, ZPen
 
 MAX_BYTES = 1_000_000
 """No profile is as long as this."""
@@ -170,7 +170,11 @@ class Change(_Table, frozen=True, kw_only=True):
     wait_s: Annotated[float, Meta(ge=0, le=3600)] = 20.0
 
 
-TOOLS: dict[type, tuple[type, ...]] = {Gcode: (PwmServo, AngleServo, ZPen, Brush), Hpgl: (Carousel,), Ebb: (EbbServo,)}
+TOOLS: dict[type, tuple[type, ...]] = {
+    Gcode: (PwmServo, AngleServo, ZPen, ZBrush),
+    Hpgl: (Carousel,),
+    Ebb: (EbbServo, EbbBrush),
+}
 HEIGHTS = {ZPen: "down_mm", PwmServo: "down_pwm", AngleServo: "down_deg", EbbServo: "down_percent"}
 
 
