@@ -58,13 +58,24 @@ class Machine(_Table, frozen=True, kw_only=True):
     offset_mm: Point = (0.0, 0.0)
     """Machine coordinates of that corner, after any flip."""
     kinematics: Literal["cartesian", "corexy"] = "cartesian"
+    draw_x_mm: Point | None = None
+    """Where along the first axis it may draw; None: on all of its travel. Wells stand in the rest."""
+    draw_y_mm: Point | None = None
 
     def __post_init__(self) -> None:
         for name, span in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if span[0] >= span[1]:
                 raise ValueError(f"{name} = {list(span)} must rise: from where to where the axis travels")
+            drawn: Point = getattr(self, f"draw_{name}") or span
+            if not span[0] <= drawn[0] < drawn[1] <= span[1]:
+                raise ValueError(f"draw_{name} = {list(drawn)} must rise, and lie within {name} = {list(span)}")
         if (self.axes[0] in ACROSS) == (self.axes[1] in ACROSS):
             raise ValueError(f"axes = {list(self.axes)} must be one across (right, left) and one along (up, down)")
+
+    @property
+    def draw_spans(self) -> tuple[Point, Point]:
+        """Where it may draw, along both axes."""
+        return self.draw_x_mm or self.x_mm, self.draw_y_mm or self.y_mm
 
 
 class Speeds(_Table, frozen=True, kw_only=True):

@@ -179,6 +179,7 @@ def test_lines_are_no_slower_for_their_heights() -> None:
         ),
         ("press_percent = 25 ", "press_mm = 25 ", "unknown field"),
         ("at_mm = [44.4, 14.3]", "at_mm = [10, 14.3]", r"the well at \[10.0, 14.3\] with its stir is outside"),
+        ("draw_x_mm = [77.28, 361.5]", "draw_x_mm = [77.28, 370]", r"draw_x_mm = .* within x_mm = \[0.0, 361.5\]"),
         ("stir_mm = 8.6", "stir_mm = 9.0", r"the well at \[0.0, 8.6\] with its stir is outside"),
         ("bottom_percent = 25", "bottom_percent = 125", "125"),
     ],
@@ -194,6 +195,17 @@ def test_a_brush_belongs_to_its_dialect() -> None:
     for profile, other in (("robot_brush", "watercolorbot"), ("watercolorbot", "robot_brush")):
         with pytest.raises(ValueError, match=r"dialect .* has .*, no "):
             msgspec.structs.replace(load_profile(profile), tool=load_profile(other).tool)
+
+
+@pytest.mark.parametrize(("name", "begins"), [("watercolorbot", 77.28), ("robot_brush", 90)])
+def test_no_stroke_lies_among_the_wells(name: str, begins: float) -> None:
+    """A stroke that begins 5 mm left of the paper is refused, though the machine gets there; wells are visited."""
+    profile = load_profile(name)
+    with pytest.raises(PlotError, match=rf"5\.00 mm beyond the travel of {name}, X {begins:g}\.\."):
+        program(drawing([BAR - (55, 0)]), profile)
+    assert encode(program(drawing([BAR - (50, 0)]), profile))
+    outside = msgspec.structs.replace(profile.machine, draw_x_mm=None)
+    assert program(drawing([BAR - (55, 0)]), msgspec.structs.replace(profile, machine=outside))
 
 
 def test_every_change_of_height_is_one_step_of_the_way() -> None:
