@@ -76,7 +76,7 @@ def page_for(photo: Photo, profile: Profile, margin_mm: float = PAGE.margin_mm) 
 
 def _reach(machine: Machine) -> list[float]:
     """How far the machine gets along its axes from where the page's corner lies."""
-    spans = zip(machine.axes, machine.offset_mm, (machine.x_mm, machine.y_mm), strict=True)
+    spans = zip(machine.axes, machine.offset_mm, machine.draw_spans, strict=True)
     to_corner = machine.origin.replace("upper", "up").replace("lower", "down").split("-")
     return [at - low if axis in to_corner else high - at for axis, at, (low, high) in spans]
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from strokeplan.curves import flatten_all
 from strokeplan.errors import PlotError
-from strokeplan.plotter.program import Program
+from strokeplan.plotter import motion
+from strokeplan.plotter.program import Program, limits
 from strokeplan.plotter.segments import with_values
 from strokeplan.plotter.tools import Brush, Well
 
@@ -30,6 +31,14 @@ class Visit:
     line: int
     kind: Literal["dip", "wash", "wipe"]
     well: Well
+
+
+def visits_by_line(program: Program) -> dict[int, list[Visit]]:
+    """Stays at wells, by the line that they stand before."""
+    found: dict[int, list[Visit]] = {}
+    for stop in visits(program):
+        found.setdefault(stop.line, []).append(stop)
+    return found
 
 
 def visits(program: Program) -> list[Visit]:
@@ -76,31 +85,37 @@ def visit_s(program: Program, visit: Visit) -> float:
     tool = program.profile.tool
     if not isinstance(tool, Brush):
         return 0.0
-    down = 2 * abs(tool.safe_mm - visit.well.bottom_mm) / tool.rate_mm_min
-    stir = 2 * visit.well.stir_mm * visit.well.times / program.profile.speeds.draw_mm_min
-    return 60 * (down + stir)
+    (safe, *_), well, profile = tool.heights, visit.well, program.profile
+    stood = tool.lower_s + tool.way_s(safe, well.bottom) + tool.way_s(well.bottom, safe) + tool.raise_s
+    line = np.array([well.at_mm, *well.stirs])
+    ends = np.array([0, len(line)])
+    return stood + motion.plan(line, ends, limits(profile), profile.speeds.draw_mm_min, start=well.at_mm).total_s
 
 
 def heights(program: Program, tool: Brush) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (v, 3) and starts (m + 1,): the lines with the height of the brush, ramps at both ends."""
+    _, touch, press = tool.heights
     part = (2 * program.radii - tool.touch_width_mm) / (tool.press_width_mm - tool.touch_width_mm)
-    z = tool.touch_mm + np.clip(part, 0, 1) * (tool.press_mm - tool.touch_mm)
+    z = touch + np.clip(part, 0, 1) * (press - touch)
     tolerance = program.profile.tolerance_mm
     vertices, starts = flatten_all(with_values(program.points, program.starts, z), program.starts, tolerance)
-    lines = [_ramped(vertices[a:b], tool) for a, b in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)]
+    lines = [
+        _ramped(vertices[a:b], touch, tool.approach_mm)
+        for a, b in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)
+    ]
     return np.concatenate(lines), np.cumsum([0, *(len(line) for line in lines)], dtype=np.int64)
 
 
-def _ramped(line: NDArray[np.float64], tool: Brush) -> NDArray[np.float64]:
+def _ramped(line: NDArray[np.float64], touch: float, approach_mm: float) -> NDArray[np.float64]:
     """A line that begins and ends where the tip just touches, and reaches its height along the ramps."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
-    ramp = min(tool.approach_mm, way[-1] / 2)
+    ramp = min(approach_mm, way[-1] / 2)
     if ramp <= 0:
         return line
     marks = np.union1d(way, [ramp, way[-1] - ramp])
     made = np.column_stack([np.interp(marks, way, line[:, k]) for k in range(3)])
     pressed = np.clip(np.minimum(marks, way[-1] - marks) / ramp, 0, 1)
-    made[:, 2] = tool.touch_mm + pressed * (made[:, 2] - tool.touch_mm)
+    made[:, 2] = touch + pressed * (made[:, 2] - touch)
     return made
 
 

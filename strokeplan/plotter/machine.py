@@ -86,7 +86,7 @@ def page_transform(page: Page, profile: Profile) -> PageTransform:
     if profile.papers:
         paper, turned = find_paper(page, profile)
         return _made(page, profile, paper.offset_mm, (paper.x_mm, paper.y_mm), turned)
-    spans = machine.x_mm, machine.y_mm
+    spans = machine.draw_spans
     across = machine.axes[0] in ("right", "left")
     room = [span[1] - span[0] for span in (spans if across else spans[::-1])]
     sides = page.width_mm, page.height_mm

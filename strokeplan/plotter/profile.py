@@ -27,7 +27,7 @@ from strokeplan.files import atomic_write
 from strokeplan.page import Page, parse_page
 from strokeplan.pens import MAX_WIDTH_MM, MIN_WIDTH_MM
 from strokeplan.plotter.dialects.words import Flavour, check_lines
-from strokeplan.plotter.tools import AngleServo, Brush, Carousel, EbbServo, PwmServo, Tool, ZPen
+from strokeplan.plotter.tools import AngleServo, Brush, Carousel, EbbBrush, EbbServo, PwmServo, Tool, ZBrush, ZPen
 
 MAX_BYTES = 1_000_000
 """No profile is as long as this."""
@@ -58,13 +58,24 @@ class Machine(_Table, frozen=True, kw_only=True):
     offset_mm: Point = (0.0, 0.0)
     """Machine coordinates of that corner, after any flip."""
     kinematics: Literal["cartesian", "corexy"] = "cartesian"
+    draw_x_mm: Point | None = None
+    """Where along the first axis it may draw; None: on all of its travel. Wells stand in the rest."""
+    draw_y_mm: Point | None = None
 
     def __post_init__(self) -> None:
         for name, span in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if span[0] >= span[1]:
                 raise ValueError(f"{name} = {list(span)} must rise: from where to where the axis travels")
+            drawn: Point = getattr(self, f"draw_{name}") or span
+            if not span[0] <= drawn[0] < drawn[1] <= span[1]:
+                raise ValueError(f"draw_{name} = {list(drawn)} must rise, and lie within {name} = {list(span)}")
         if (self.axes[0] in ACROSS) == (self.axes[1] in ACROSS):
             raise ValueError(f"axes = {list(self.axes)} must be one across (right, left) and one along (up, down)")
+
+    @property
+    def draw_spans(self) -> tuple[Point, Point]:
+        """Where it may draw, along both axes."""
+        return self.draw_x_mm or self.x_mm, self.draw_y_mm or self.y_mm
 
 
 class Speeds(_Table, frozen=True, kw_only=True):
@@ -170,7 +181,11 @@ class Change(_Table, frozen=True, kw_only=True):
     wait_s: Annotated[float, Meta(ge=0, le=3600)] = 20.0
 
 
-TOOLS: dict[type, tuple[type, ...]] = {Gcode: (PwmServo, AngleServo, ZPen, Brush), Hpgl: (Carousel,), Ebb: (EbbServo,)}
+TOOLS: dict[type, tuple[type, ...]] = {
+    Gcode: (PwmServo, AngleServo, ZPen, ZBrush),
+    Hpgl: (Carousel,),
+    Ebb: (EbbServo, EbbBrush),
+}
 HEIGHTS = {ZPen: "down_mm", PwmServo: "down_pwm", AngleServo: "down_deg", EbbServo: "down_percent"}
 
 

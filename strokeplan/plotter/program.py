@@ -181,5 +181,6 @@ def pen_moves_s(profile: Profile, pen: PenSettings | None = None) -> tuple[float
         down = tool.down_mm if pen is None or pen.down_mm is None else pen.down_mm
         way = abs(tool.up_mm - down) / tool.rate_mm_min * 60
     if isinstance(tool, Brush):
-        way = abs(tool.safe_mm - tool.touch_mm) / tool.rate_mm_min * 60
+        safe, touch, _ = tool.heights
+        return lower + tool.way_s(safe, touch), rise + tool.way_s(touch, safe)
     return lower + way, rise + way

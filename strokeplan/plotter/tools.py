@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -11,7 +11,15 @@ Height = Annotated[float, Meta(ge=-1000, le=1000)]
 Rate = Annotated[float, Meta(gt=0, le=1e6)]
 Seconds = Annotated[float, Meta(ge=0, le=60)]
 Length = Annotated[float, Meta(ge=0, le=1000)]
+Percent = Annotated[float, Meta(ge=0, le=100)]
+Pulse = Annotated[int, Meta(ge=1, le=65535)]
+PulseRate = Annotated[int, Meta(ge=0, le=65535)]
+Pin = Annotated[int, Meta(ge=0, le=24)]
 Name = Annotated[str, Meta(pattern=r"^[ -~]{1,80}\Z")]
+EBB_PIN = 4
+"""Where an EiBotBoard's own servo output is among the pins of S2: RP4 is RB1."""
+PERIOD_S = 0.024
+"""An EiBotBoard's servo gets a pulse in this time, and each is longer than the last by the rate at most."""
 
 
 class _Tool(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -54,18 +62,36 @@ class Carousel(_Tool, frozen=True, kw_only=True, tag="carousel"):
     pens: Annotated[int, Meta(ge=1, le=16)]
 
 
-class EbbServo(_Tool, frozen=True, kw_only=True, tag="ebb-servo"):
+class _Pulses:
+    """Positions of an EiBotBoard's servo as its pulses."""
+
+    __slots__ = ()
+    low: int
+    high: int
+    pin: int | None
+
+    def pulse(self, percent: float) -> int:
+        """Its length, in 83.3 ns."""
+        return round(self.low + (self.high - self.low) * percent / 100)
+
+    @property
+    def servo_pin(self) -> int:
+        """The RP pin that it leaves the board by."""
+        return EBB_PIN if self.pin is None else self.pin
+
+
+class EbbServo(_Pulses, _Tool, frozen=True, kw_only=True, tag="ebb-servo"):
     """The servo of an EiBotBoard; positions in per cent between the two limits, in 83.3 ns of pulse."""
 
-    up_percent: Annotated[float, Meta(ge=0, le=100)]
-    down_percent: Annotated[float, Meta(ge=0, le=100)]
-    low: Annotated[int, Meta(ge=1, le=65535)]
-    high: Annotated[int, Meta(ge=1, le=65535)]
-    raise_rate: Annotated[int, Meta(ge=0, le=65535)]
+    up_percent: Percent
+    down_percent: Percent
+    low: Pulse
+    high: Pulse
+    raise_rate: PulseRate
     """Steps of pulse in 24 ms (SC,11)."""
-    lower_rate: Annotated[int, Meta(ge=0, le=65535)]
+    lower_rate: PulseRate
     """SC,12."""
-    pin: Annotated[int, Meta(ge=0, le=24)] | None = None
+    pin: Pin | None = None
     """The RP pin of a lift that is not on the board's own servo output (S2 rather than SP)."""
 
 
@@ -73,31 +99,55 @@ class Well(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """A pot: of paint, if it has a colour's or a pen's name; of water; or a cloth."""
 
     at_mm: tuple[Height, Height]
-    bottom_mm: Height
-    """How deep the brush goes."""
     name: Name | None = None
     stir_mm: Length = 3.0
-    """The brush moves to and fro by this."""
+    """The brush moves to and fro by this …"""
+    stir_axis: Literal["x", "y"] = "x"
+    """… along this axis."""
     times: Annotated[int, Meta(ge=1, le=50)] = 2
 
+    @property
+    def bottom(self) -> float:
+        """How deep the brush goes, as its heights are given."""
+        raise NotImplementedError
 
-class Brush(_Tool, frozen=True, kw_only=True, tag="brush"):
-    """A brush on a z axis: pressed by as much as the stroke is wide, dipped and washed."""
+    @property
+    def stirs(self) -> list[tuple[float, float]]:
+        """The places that the brush is moved to in it, mm, from `at_mm` on."""
+        (x, y), way = self.at_mm, self.stir_mm
+        ends = [(x + way, y), (x - way, y)] if self.stir_axis == "x" else [(x, y + way), (x, y - way)]
+        return ends * self.times if way else []
 
-    safe_mm: Height
-    """Height at which it travels."""
-    touch_mm: Height
-    """Height at which its tip touches the paper: a line of `touch_width_mm`."""
-    press_mm: Height
-    """Height at which it makes a line of `press_width_mm`, and never lower."""
+
+class ZWell(Well, frozen=True, kw_only=True):
+    """A pot for a brush on a z axis."""
+
+    bottom_mm: Height
+
+    @property
+    def bottom(self) -> float:
+        return self.bottom_mm
+
+
+class EbbWell(Well, frozen=True, kw_only=True):
+    """A pot for a brush on a servo."""
+
+    bottom_percent: Percent
+
+    @property
+    def bottom(self) -> float:
+        return self.bottom_percent
+
+
+class Brush(_Tool, frozen=True, kw_only=True):
+    """A brush: pressed by as much as the stroke is wide, dipped and washed. Kinds of it tell what holds it."""
+
+    unit: ClassVar[str] = ""
+    """What the names of its heights end with."""
     touch_width_mm: Length
     press_width_mm: Length
     approach_mm: Length = 3.0
     """It comes down along this much of the stroke's beginning, and lifts off along as much of its end."""
-    rate_mm_min: Rate
-    """Of the height alone, in the air."""
-    angle_axis: Annotated[str, Meta(pattern=r"^[ABC]\Z")] | None = None
-    """The axis that turns the brush, in degrees."""
     refill_mm: Annotated[float, Meta(gt=0, le=1e6)] | None = None
     """What it paints with one dip; None: it is never dipped."""
     paints: Annotated[tuple[Well, ...], Meta(max_length=99)] = ()
@@ -107,15 +157,23 @@ class Brush(_Tool, frozen=True, kw_only=True, tag="brush"):
     """Water before every layer, even of the same paint."""
 
     def __post_init__(self) -> None:
-        sign = 1 if self.safe_mm > self.touch_mm else -1
-        if self.safe_mm == self.touch_mm or sign * (self.touch_mm - self.press_mm) <= 0:
-            raise ValueError(
-                f"safe_mm, touch_mm, press_mm = {self.safe_mm:g}, {self.touch_mm:g}, {self.press_mm:g} must go one way"
-            )
+        safe, touch, press = self.heights
+        if (safe - touch) * (touch - press) <= 0:
+            names = ", ".join(f"{name}_{self.unit}" for name in ("safe", "touch", "press"))
+            raise ValueError(f"{names} = {safe:g}, {touch:g}, {press:g} must go one way")
         if self.touch_width_mm >= self.press_width_mm:
             raise ValueError(f"press_width_mm = {self.press_width_mm:g} must be above touch_width_mm")
         if self.refill_mm is not None and not self.paints:
             raise ValueError("refill_mm needs wells: [[tool.paints]]")
+
+    @property
+    def heights(self) -> tuple[float, float, float]:
+        """Where it travels; where its tip makes a line of `touch_width_mm`; of `press_width_mm`, and never lower."""
+        raise NotImplementedError
+
+    def way_s(self, start: float, end: float) -> float:
+        """Seconds from one height to another, in the air."""
+        raise NotImplementedError
 
     @property
     def wells(self) -> list[Well]:
@@ -125,9 +183,68 @@ class Brush(_Tool, frozen=True, kw_only=True, tag="brush"):
     def check_reach(self, spans: tuple[tuple[float, float], tuple[float, float]]) -> None:
         """Raise ValueError for a well that lies outside of the travel of x and y."""
         for well in self.wells:
-            for at, (low, high) in zip(well.at_mm, spans, strict=True):
-                if not low + well.stir_mm <= at <= high - well.stir_mm:
+            for place in (well.at_mm, *well.stirs):
+                if not all(low <= at <= high for at, (low, high) in zip(place, spans, strict=True)):
                     raise ValueError(f"the well at {list(well.at_mm)} with its stir is outside of the machine's travel")
 
 
-Tool = PwmServo | AngleServo | ZPen | Carousel | EbbServo | Brush
+class ZBrush(Brush, frozen=True, kw_only=True, tag="brush"):
+    """A brush on a z axis."""
+
+    unit: ClassVar[str] = "mm"
+    safe_mm: Height
+    touch_mm: Height
+    press_mm: Height
+    rate_mm_min: Rate
+    """Of the height alone, in the air."""
+    angle_axis: Annotated[str, Meta(pattern=r"^[ABC]\Z")] | None = None
+    """The axis that turns the brush, in degrees."""
+    paints: Annotated[tuple[ZWell, ...], Meta(max_length=99)] = ()
+    water: Annotated[tuple[ZWell, ...], Meta(max_length=9)] = ()
+    cloth: ZWell | None = None
+
+    @property
+    def heights(self) -> tuple[float, float, float]:
+        return self.safe_mm, self.touch_mm, self.press_mm
+
+    def way_s(self, start: float, end: float) -> float:
+        return abs(end - start) / self.rate_mm_min * 60
+
+
+class EbbBrush(_Pulses, Brush, frozen=True, kw_only=True, tag="ebb-brush"):
+    """A brush on the servo of an EiBotBoard; `lower_s` and `raise_s` are what it needs beside its sweep."""
+
+    unit: ClassVar[str] = "percent"
+    safe_percent: Percent
+    touch_percent: Percent
+    press_percent: Percent
+    low: Pulse
+    high: Pulse
+    raise_rate: PulseRate
+    lower_rate: PulseRate
+    pin: Pin | None = None
+    paints: Annotated[tuple[EbbWell, ...], Meta(max_length=99)] = ()
+    water: Annotated[tuple[EbbWell, ...], Meta(max_length=9)] = ()
+    cloth: EbbWell | None = None
+
+    @property
+    def heights(self) -> tuple[float, float, float]:
+        return self.safe_percent, self.touch_percent, self.press_percent
+
+    @property
+    def deepest(self) -> float:
+        """The height furthest from where it travels."""
+        return max(
+            (self.press_percent, *(well.bottom for well in self.wells)), key=lambda at: abs(at - self.safe_percent)
+        )
+
+    def lowers(self, start: float, end: float) -> bool:
+        """Whether a way from one height to another is one down."""
+        return abs(end - self.safe_percent) > abs(start - self.safe_percent)
+
+    def way_s(self, start: float, end: float) -> float:
+        rate = self.lower_rate if self.lowers(start, end) else self.raise_rate
+        return PERIOD_S * abs(self.pulse(end) - self.pulse(start)) / rate if rate else 0.0
+
+
+Tool = PwmServo | AngleServo | ZPen | Carousel | EbbServo | ZBrush | EbbBrush

@@ -15,7 +15,7 @@ from strokeplan.plotter.estimate import estimate
 from strokeplan.plotter.files import encode
 from strokeplan.plotter.profile import Profile, load_profile, parse, source
 from strokeplan.plotter.program import program
-from strokeplan.plotter.tools import Brush, Well
+from strokeplan.plotter.tools import ZBrush, ZWell
 from strokeplan.strokes import Layer
 
 ROBOT = load_profile("robot_brush")
@@ -73,7 +73,7 @@ def test_it_is_dipped_by_painted_distance_across_lines() -> None:
 
 
 def test_another_paint_washes_first() -> None:
-    paints = tuple(Well(name=name, at_mm=(40, y), bottom_mm=-5) for name, y in (("red", 20), ("blue", 60)))
+    paints = tuple(ZWell(name=name, at_mm=(40, y), bottom_mm=-5) for name, y in (("red", 20), ("blue", 60)))
     plan = drawing([BAR, EYE, BAR - 20], pens=("red", "blue", "blue"))
     stops = visits(program(plan, brush(paints=paints)))
     assert [(stop.line, stop.kind) for stop in stops] == [
@@ -115,4 +115,4 @@ def test_what_is_wrong_with_a_brush_is_named(right: str, wrong: str, message: st
     assert right in text
     with pytest.raises(ProfileError, match=message):
         parse(text.replace(right, wrong, 1).encode(), "mine", "mine")
-    assert isinstance(ROBOT.tool, Brush)
+    assert isinstance(ROBOT.tool, ZBrush)

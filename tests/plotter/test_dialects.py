@@ -173,7 +173,8 @@ def test_ebb_draws_the_strokes_and_goes_home() -> None:
 
 def test_ebb_turns_motors_of_x_and_y_each_for_itself() -> None:
     """The WaterColorBot is no CoreXY: SM, and its paper begins 77.28 mm from home."""
-    data = encode(program(THREE, load_profile("watercolorbot")))
+    pen = load_profile("axidraw_v3").tool
+    data = encode(program(THREE, msgspec.structs.replace(load_profile("watercolorbot"), tool=pen)))
     assert b"XM," not in data
     lines, end, rates = read_ebb(data, 34.93)
     assert distance([line - (77.28, 0) for line in lines], drawn(THREE)) <= 0.02 + 0.03

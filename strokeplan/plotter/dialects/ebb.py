@@ -1,9 +1,8 @@
 """Commands of the EiBotBoard (AxiDraw and its kin): the host plans the motion, the board turns two motors.
 
-Every block of the planned motion (motion.py) is cut into slices of time; a slice is one XM (SM where each motor drives
-an axis of its own), whole steps between where the pen is at its two ends: rounding never adds up. A slice shorter than
-the board keeps up with is stretched, which slows the pen down and moves it nowhere else; so is one that would exceed 25
-kHz on a motor.
+The planned motion is cut into slices of time (ebb_slices.py), each a command. A pen goes up and down by SP, or by S2 on
+a pin of its own. A brush has heights: S2 between two slices, for whole steps of `STEP_PERCENT` only, as each takes a
+place of the board's FIFO. Before and after a line the motors stand while it sweeps.
 
 Lines that begin with # are for people (the header): whoever sends the file leaves them out. The file begins and ends
 at the home corner, where motors were switched on.
@@ -14,47 +13,47 @@ Source: EiBotBoard command set (evil-mad.github.io/EggBot/ebb.html), commands EM
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strokeplan.errors import PlotError
-from strokeplan.plotter import motion
-from strokeplan.plotter.profile import Ebb, Profile
-from strokeplan.plotter.program import JobPen, Program, limits
-from strokeplan.plotter.tools import EbbServo
+from strokeplan.plotter.brush import Visit, heights, visits_by_line
+from strokeplan.plotter.dialects.ebb_slices import Slices, all_slices, slices, written
+from strokeplan.plotter.profile import Ebb
+from strokeplan.plotter.program import JobPen, Program
+from strokeplan.plotter.tools import EbbBrush, EbbServo
 
-MAX_STEPS_MS = 24.9
-"""Steps of one motor in a millisecond; the board's end is 25."""
 SIXTEENTH = 1
 """EM's number for 16 microsteps."""
-UNIT_PER_MS = 12_000
-"""Of a servo's pulse: 83.3 ns."""
+STEP_PERCENT = 1.0
+"""A change of a brush's height along a line that can be seen."""
 
 
 def encode(program: Program, header: list[str]) -> bytes:
-    """The file of a program. Raises PlotError for more than one pen: the board cannot wait for a change."""
+    """The file of a program. Raises PlotError for more than one pen: the board cannot wait for a change of it."""
     dialect, tool = program.profile.dialect, program.profile.tool
-    if not (isinstance(dialect, Ebb) and isinstance(tool, EbbServo)):
+    if not (isinstance(dialect, Ebb) and isinstance(tool, EbbServo | EbbBrush)):
         raise TypeError("a profile of another dialect")
-    if len(program.pens) > 1:
+    if len(program.pens) > 1 and isinstance(tool, EbbServo):
         names = ", ".join(pen.name for pen in program.pens[:10])
         raise PlotError(f"an .ebb file cannot wait for a change of pen ({names}); write one a pen: --file-per-pen")
     lines = [f"# {_plain(text)}" for text in header]
-    return ("\r".join([*lines, *_commands(program, dialect, tool)]) + "\r").encode("ascii")
+    body = _drawn(program, dialect, tool) if isinstance(tool, EbbServo) else Writer(program, dialect).body()
+    up, _ = pen_commands(tool, program.pens[0])
+    return ("\r".join([*lines, *start(tool, program.pens[0]), up, *body, "EM,0,0"]) + "\r").encode("ascii")
 
 
 def _plain(text: str) -> str:
     return "".join(c if " " <= c <= "~" else "x" if c == "×" else "?" for c in text)[:200]
 
 
-def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
-    pen = program.pens[0]
-    up, lower = pen_commands(tool, pen)
-    yield from start(tool, pen)
-    yield up
+def _drawn(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
+    """All lines of a pen, planned at once; what Writer writes one by one."""
+    up, lower = pen_commands(tool, program.pens[0])
     lines = range(len(program) + 1)
-    stroke, drawn, moves = _slices(program, dialect)
+    stroke, drawn, moves, _ = all_slices(program, dialect)
     commands = written(moves, program.profile)
     begins = np.searchsorted(stroke, lines).tolist()
     downs = (begins + np.bincount(stroke[~drawn], minlength=len(lines))).tolist()
@@ -64,77 +63,143 @@ def _commands(program: Program, dialect: Ebb, tool: EbbServo) -> Iterator[str]:
         yield from commands[downs[j] : begins[j + 1]]  # none for a dot
         yield up
     yield from commands[begins[-1] :]
-    yield "EM,0,0"
 
 
-def start(tool: EbbServo, pen: JobPen) -> Iterator[str]:
+class Writer:
+    """Writes lines one by one, each planned when it is asked for, from where the one before ended."""
+
+    def __init__(self, program: Program, dialect: Ebb) -> None:
+        self.program, self.dialect = program, dialect
+        self.tool = program.profile.tool
+        self.at = (0.0, 0.0)
+
+    def body(self) -> Iterator[str]:
+        """Everything of a brush between the start and the end."""
+        stops = visits_by_line(self.program)
+        for j in range(len(self.program) + 1):
+            for stop in stops.get(j, ()):
+                yield f"# {stop.kind} {_plain(stop.well.name or '')}".rstrip()
+                yield from self.visit(stop)
+            if j < len(self.program):
+                yield from self.line(j, self.program.pens[self.program.pen[j]])
+        yield from self.home()
+
+    def line(self, j: int, pen: JobPen) -> Iterator[str]:
+        """One line: there, down, along, up."""
+        points, starts = self.program.polylines
+        made = self._planned(points[starts[j] : starts[j + 1]], self.feeds[j])
+        commands = written(made.moves, self.program.profile)
+        first = int(np.count_nonzero(~made.drawn))
+        yield from commands[:first]
+        if isinstance(self.tool, EbbBrush):
+            places = np.vstack([points[starts[j]], made.ends[first:]])
+            yield from self._painted(self.tool, j, commands[first:], places)
+        elif isinstance(self.tool, EbbServo):
+            up, down = pen_commands(self.tool, pen)
+            yield down
+            yield from commands[first:]
+            yield up
+
+    def _painted(self, tool: EbbBrush, j: int, commands: list[str], places: NDArray[np.float64]) -> Iterator[str]:
+        """Slices with the heights of the brush between them; `places` (s + 1, 2) are where they begin and end."""
+        points, starts = self.brush
+        profile = points[starts[j] : starts[j + 1]]
+        safe, touch, most = tool.heights
+        z = np.interp(_parts(places), _parts(profile[:, :2]), profile[:, 2])
+        steps = np.rint(((z[1:] + z[:-1]) / 2 - touch) / STEP_PERCENT)
+        level = np.clip(touch + steps * STEP_PERCENT, min(touch, most), max(touch, most)).tolist()
+        dot = profile[np.abs(profile[:, 2] - safe).argmax(), 2]
+        now = float(z[0] if commands else dot)
+        yield sweep(tool, safe, now)
+        for command, wanted in zip(commands, level, strict=True):
+            if wanted != now:
+                yield sweep(tool, now, wanted, stand=False)
+                now = wanted
+            yield command
+        yield sweep(tool, now, safe)
+
+    def visit(self, stop: Visit) -> Iterator[str]:
+        """Down into a well, to and fro, and up again."""
+        tool, well = self.tool, stop.well
+        if not isinstance(tool, EbbBrush):
+            return
+        yield from self.travel(well.at_mm)
+        yield sweep(tool, tool.safe_percent, well.bottom)
+        if well.stirs:
+            stirred = self._planned(np.array([well.at_mm, *well.stirs]), self.program.profile.speeds.draw_mm_min)
+            yield from written(stirred.moves, self.program.profile)
+        yield sweep(tool, well.bottom, tool.safe_percent)
+
+    def travel(self, there: tuple[float, float]) -> list[str]:
+        """To a place, pen up."""
+        profile = self.program.profile
+        return written(self._planned(np.array([there]), profile.speeds.travel_mm_min).moves, profile)
+
+    def home(self) -> list[str]:
+        """To where the motors were switched on."""
+        return self.travel((0.0, 0.0))
+
+    @cached_property
+    def feeds(self) -> list[float]:
+        return self.program.feeds.tolist()  # type: ignore[no-any-return]
+
+    @cached_property
+    def brush(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """The lines with the height of the brush."""
+        if not isinstance(self.tool, EbbBrush):
+            raise TypeError("no brush")
+        return heights(self.program, self.tool)
+
+    def _planned(self, line: NDArray[np.float64], feed: float) -> Slices:
+        starts, profile = np.array([0, len(line)]), self.program.profile
+        made = slices(line, starts, np.array([feed]), profile, self.dialect, self.at)
+        x, y = line[-1].tolist()
+        self.at = x, y
+        return made
+
+
+def _parts(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(v,) the part of a line's way that is made at each vertex."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    return way / way[-1] if way[-1] > 0 else way
+
+
+def start(tool: EbbServo | EbbBrush, pen: JobPen) -> Iterator[str]:
     """Motors on, and where the servo has the pen."""
-    own = pen.settings
-    down = tool.down_percent if own.down_percent is None else own.down_percent
+    up, down = _ends(tool, pen)
     yield f"EM,{SIXTEENTH},{SIXTEENTH}"
-    yield f"SC,4,{_pulse(tool, tool.up_percent)}"
-    yield f"SC,5,{_pulse(tool, down)}"
+    yield f"SC,4,{tool.pulse(up)}"
+    yield f"SC,5,{tool.pulse(down)}"
     yield f"SC,11,{tool.raise_rate}"
     yield f"SC,12,{tool.lower_rate}"
 
 
-def pen_commands(tool: EbbServo, pen: JobPen) -> tuple[str, str]:
-    """Up and down."""
+def _ends(tool: EbbServo | EbbBrush, pen: JobPen) -> tuple[float, float]:
+    """Per cent that are up, and down."""
+    if isinstance(tool, EbbBrush):
+        return tool.safe_percent, tool.touch_percent
+    own = pen.settings.down_percent
+    return tool.up_percent, tool.down_percent if own is None else own
+
+
+def sweep(tool: EbbBrush, start: float, end: float, *, stand: bool = True) -> str:
+    """From one height to another, in per cent; the motors wait for it, or go on."""
+    rate, settle = (tool.lower_rate, tool.lower_s) if tool.lowers(start, end) else (tool.raise_rate, tool.raise_s)
+    wait_s = tool.way_s(start, end) + settle if stand else 0.0
+    return f"S2,{tool.pulse(end)},{tool.servo_pin},{rate},{round(wait_s * 1000)}"
+
+
+def pen_commands(tool: EbbServo | EbbBrush, pen: JobPen) -> tuple[str, str]:
+    """Up, from wherever it is, and down."""
+    up, down = _ends(tool, pen)
+    if isinstance(tool, EbbBrush):
+        return sweep(tool, tool.deepest, up), sweep(tool, up, down)
     own = pen.settings
-    down = tool.down_percent if own.down_percent is None else own.down_percent
     lower_s = tool.lower_s if own.lower_s is None else own.lower_s
     raise_s = tool.raise_s if own.raise_s is None else own.raise_s
     if tool.pin is None:
         return f"SP,1,{round(raise_s * 1000)}", f"SP,0,{round(lower_s * 1000)}"
     return (
-        f"S2,{_pulse(tool, tool.up_percent)},{tool.pin},{tool.raise_rate},{round(raise_s * 1000)}",
-        f"S2,{_pulse(tool, down)},{tool.pin},{tool.lower_rate},{round(lower_s * 1000)}",
+        f"S2,{tool.pulse(up)},{tool.pin},{tool.raise_rate},{round(raise_s * 1000)}",
+        f"S2,{tool.pulse(down)},{tool.pin},{tool.lower_rate},{round(lower_s * 1000)}",
     )
-
-
-def written(moves: NDArray[np.int64], profile: Profile) -> list[str]:
-    """Slices (s, 3) as commands; XM where the motors drive x and y together."""
-    word = "XM" if profile.machine.kinematics == "corexy" else "SM"
-    return [f"{word},{ms},{x},{y}" for ms, x, y in moves.tolist()]
-
-
-def _pulse(tool: EbbServo, percent: float) -> int:
-    return round(tool.low + (tool.high - tool.low) * percent / 100)
-
-
-def _slices(program: Program, dialect: Ebb) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64]]:
-    """Line and whether it is drawn, (s,) each, and ms and steps of x and y (s, 3): from home and back to it."""
-    points, starts = program.polylines
-    points = np.concatenate([points, [[0.0, 0.0]]])
-    starts = np.concatenate([starts, [len(points)]])
-    feeds = np.concatenate([program.feeds, [program.profile.speeds.travel_mm_min]])
-    return slices(points, starts, feeds, program.profile, dialect)
-
-
-def slices(
-    points: NDArray[np.float64],
-    starts: NDArray[np.int64],
-    feeds: NDArray[np.float64],
-    profile: Profile,
-    dialect: Ebb,
-    begin: tuple[float, float] = (0.0, 0.0),
-) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64]]:
-    """Of polylines that are drawn from `begin` on: line and whether drawn, (s,) each; ms and steps of x, y (s, 3)."""
-    moved = motion.plan(points, starts, limits(profile), feeds, start=begin)
-    if not len(moved.duration):  # a dot where the pen is
-        return moved.stroke, moved.down, np.empty((0, 3), np.int64)
-    cuts = np.maximum(np.ceil(moved.duration * 1000 / dialect.slice_ms), 1).astype(np.int64)
-    block = np.repeat(np.arange(len(cuts)), cuts)
-    part = (np.arange(len(block)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + 1) / cuts[block]
-    at = moved.at(moved.began[block] + part * moved.duration[block]).points
-    last = part == 1
-    at[last] = moved.end[block[last]]
-    first = np.rint(np.array([begin]) * dialect.steps_mm).astype(np.int64)
-    steps = np.diff(np.rint(at * dialect.steps_mm).astype(np.int64), axis=0, prepend=first)
-    corexy = profile.machine.kinematics == "corexy"  # a motor turns by x + y, the other by x − y
-    fastest = np.abs(steps).sum(axis=1) if corexy else np.abs(steps).max(axis=1)
-    ms = np.ceil(moved.duration[block] * 1000 / cuts[block] - 1e-9)
-    ms = np.maximum(np.maximum(ms, dialect.min_ms), np.ceil(fastest / MAX_STEPS_MS))
-    moves = np.column_stack([ms.astype(np.int64), steps])
-    keep = steps.any(axis=1)
-    return moved.stroke[block][keep], moved.down[block][keep], moves[keep]

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from strokeplan.biarcs import Arcs
-from strokeplan.plotter.brush import Visit, heights, turns_deg, visits
+from strokeplan.plotter.brush import Visit, heights, turns_deg, visits_by_line
 from strokeplan.plotter.profile import Gcode
 from strokeplan.plotter.program import JobPen, Program
-from strokeplan.plotter.tools import AngleServo, Brush, PwmServo, ZPen
+from strokeplan.plotter.tools import AngleServo, PwmServo, ZBrush, ZPen
 
 DECIMALS = 3
 RESOLUTION_MM = 10.0**-DECIMALS
@@ -92,7 +92,7 @@ class Writer:
         self.flavour = FLAVOURS[dialect.flavour]
         self.tool = program.profile.tool
         self.travel = f" F{number(program.profile.speeds.travel_mm_min)}" if self.flavour.rapid_feed else ""
-        self.brush = heights(program, self.tool) if isinstance(self.tool, Brush) else None
+        self.brush = heights(program, self.tool) if isinstance(self.tool, ZBrush) else None
         self.feeds: list[float] = program.feeds.tolist()
         self.arcs = program.arcs if dialect.curves == "arcs" and self.brush is None else None
 
@@ -100,9 +100,7 @@ class Writer:
         """Everything between the start and the end."""
         program = self.program
         changes, pen = set(program.changes), program.pens[0]
-        stops: dict[int, list[Visit]] = {}
-        for stop in visits(program):
-            stops.setdefault(stop.line, []).append(stop)
+        stops = visits_by_line(program)
         yield from self.up(pen)
         for j in range(len(program)):
             if j in changes:
@@ -118,7 +116,7 @@ class Writer:
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
         """One line: there, down, along, up."""
         feed = f" F{number(self.feeds[j])}"
-        if isinstance(self.tool, Brush):
+        if isinstance(self.tool, ZBrush):
             yield from self.painted(j, feed)
             return
         moves = self.moves(j)
@@ -153,7 +151,7 @@ class Writer:
 
     def painted(self, j: int, feed: str) -> Iterator[str]:
         """A line of the brush, its height along it."""
-        if self.brush is None or not isinstance(self.tool, Brush):
+        if self.brush is None or not isinstance(self.tool, ZBrush):
             raise TypeError("no brush")
         points, starts = self.brush
         line = points[starts[j] : starts[j + 1]]
@@ -184,7 +182,7 @@ class Writer:
         if isinstance(tool, ZPen):
             # A feed and no rapid: the z of a printer is slower than what G0 may ask for.
             yield f"G1 Z{number(tool.up_mm)} F{number(tool.rate_mm_min)}"
-        elif isinstance(tool, Brush):
+        elif isinstance(tool, ZBrush):
             yield f"G1 Z{number(tool.safe_mm)} F{number(tool.rate_mm_min)}"
         elif isinstance(tool, PwmServo):
             yield "M5" if tool.up_pwm is None else f"M3 S{number(tool.up_pwm)}"
@@ -200,7 +198,7 @@ class Writer:
     def change(self, pen: JobPen, *, first: bool) -> Iterator[str]:
         """Another pen: the machine parks and waits; before the first one it only says which."""
         yield f"; pen {pen.slot}: {comment(pen.name)}"
-        if first or isinstance(self.tool, Brush):
+        if first or isinstance(self.tool, ZBrush):
             return
         yield from self.park()
         yield from filter(None, [self.flavour.wait])
@@ -214,15 +212,15 @@ class Writer:
     def visit(self, stop: Visit) -> Iterator[str]:
         """Down into a well, to and fro, and up again."""
         tool, well = self.tool, stop.well
-        if not isinstance(tool, Brush):
+        if not isinstance(tool, ZBrush):
             return
-        (x, y), stir = well.at_mm, well.stir_mm
+        x, y = well.at_mm
         rate, feed = f" F{number(tool.rate_mm_min)}", f" F{number(self.program.profile.speeds.draw_mm_min)}"
         yield f"; {stop.kind} {comment(well.name or '')}".rstrip()
         yield self.rapid(f"X{number(x)} Y{number(y)}")
-        yield f"G1 Z{number(well.bottom_mm)}{rate}"
-        for k in range(2 * well.times if stir else 0):
-            yield f"G1 X{number(x + (stir if k % 2 == 0 else -stir))} Y{number(y)}{feed}"
+        yield f"G1 Z{number(well.bottom)}{rate}"
+        for x, y in well.stirs:
+            yield f"G1 X{number(x)} Y{number(y)}{feed}"
         yield f"G1 Z{number(tool.safe_mm)}{rate}"
 
 

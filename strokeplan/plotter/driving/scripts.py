@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from strokeplan.errors import PlotError
 from strokeplan.plotter.brush import Visit
@@ -17,7 +15,7 @@ from strokeplan.plotter.driving.codecs.hpgl import RESERVE
 from strokeplan.plotter.driving.units import Script
 from strokeplan.plotter.profile import Ebb, Gcode, Hpgl
 from strokeplan.plotter.program import JobPen, Program
-from strokeplan.plotter.tools import Brush, EbbServo, ZPen
+from strokeplan.plotter.tools import EbbBrush, EbbServo, ZBrush, ZPen
 
 
 class GcodeScript(Script):
@@ -38,7 +36,7 @@ class GcodeScript(Script):
             start=(*FLAVOURS[self.dialect.flavour].start, *self.dialect.prologue),
             up=up,
             down=tuple(self.writer.down(used)),
-            lift=self._lift() if isinstance(tool, ZPen | Brush) else up,
+            lift=self._lift() if isinstance(tool, ZPen | ZBrush) else up,
             park=tuple(self.writer.park()),
             end=self.dialect.epilogue,
         )
@@ -57,7 +55,7 @@ class GcodeScript(Script):
         tool = self.program.profile.tool
         if isinstance(tool, ZPen):
             way = tool.up_mm - tool.down_mm
-        elif isinstance(tool, Brush):
+        elif isinstance(tool, ZBrush):
             way = tool.safe_mm - tool.press_mm
         else:
             return ()
@@ -108,10 +106,10 @@ class EbbScript(Script):
     def __init__(self, program: Program, copies: int = 1) -> None:
         super().__init__(program, copies)
         dialect, tool = program.profile.dialect, program.profile.tool
-        if not (isinstance(dialect, Ebb) and isinstance(tool, EbbServo)):
+        if not (isinstance(dialect, Ebb) and isinstance(tool, EbbServo | EbbBrush)):
             raise TypeError("a profile of another dialect")
-        self.dialect, self.tool = dialect, tool
-        self.at = (0.0, 0.0)
+        self.tool = tool
+        self.writer = ebb.Writer(program, dialect)
 
     def phrases(self, pen: int) -> Phrases:
         used = self.program.pens[pen]
@@ -119,42 +117,23 @@ class EbbScript(Script):
         return Phrases(tuple(ebb.start(self.tool, used)), (up,), (down,), (up,), end=("EM,0,0",))
 
     def taken(self, pen: JobPen) -> tuple[str, ...]:
+        if isinstance(self.tool, EbbBrush):  # another paint
+            return ()
         return tuple(text for text in ebb.start(self.tool, pen) if not text.startswith("EM"))
 
     def line(self, j: int, pen: JobPen) -> Iterator[str]:
-        points, starts = self.program.polylines
-        line = points[starts[j] : starts[j + 1]]
-        drawn, moves = self._planned(line, self.feeds[j])
-        commands = ebb.written(moves, self.program.profile)
-        first = int(np.count_nonzero(~drawn))
-        up, down = ebb.pen_commands(self.tool, pen)
-        yield from commands[:first]
-        yield down
-        yield from commands[first:]
-        yield up
+        return self.writer.line(j, pen)
+
+    def visit(self, stop: Visit) -> Iterator[str]:
+        return self.writer.visit(stop)
 
     def travel(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[str]:
-        self.at = start
-        return iter(self._travelled(np.array([end])))
+        self.writer.at = start
+        return iter(self.writer.travel(end))
 
     def parked(self, pen: int) -> tuple[str, ...]:
-        return self.last()
+        return tuple(self.writer.home())
 
     def last(self) -> tuple[str, ...]:
-        """The way home."""
-        return tuple(self._travelled(np.zeros((1, 2))))
-
-    @cached_property
-    def feeds(self) -> list[float]:
-        return self.program.feeds.tolist()  # type: ignore[no-any-return]
-
-    def _travelled(self, there: NDArray[np.float64]) -> list[str]:
-        profile = self.program.profile
-        return ebb.written(self._planned(there, profile.speeds.travel_mm_min)[1], profile)
-
-    def _planned(self, line: NDArray[np.float64], feed: float) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        starts, profile = np.array([0, len(line)]), self.program.profile
-        _, drawn, moves = ebb.slices(line, starts, np.array([feed]), profile, self.dialect, self.at)
-        x, y = line[-1].tolist()
-        self.at = x, y
-        return drawn, moves
+        """The brush is washed; then the way home."""
+        return (*super().last(), *self.writer.home())

@@ -25,7 +25,7 @@ from strokeplan.plotter.driving.units import Script, script
 from strokeplan.plotter.machine import TOLERANCE_MM, PageTransform
 from strokeplan.plotter.profile import PenSettings, Point, Profile
 from strokeplan.plotter.program import JobPen, Program
-from strokeplan.plotter.tools import Brush, ZPen
+from strokeplan.plotter.tools import EbbBrush, EbbServo, Tool, ZBrush, ZPen
 
 PEN = PenSettings(name="pen")
 
@@ -269,10 +269,7 @@ def bench(profile: Profile, pen: str | None = None) -> Script:
     Raises PlotError for a machine of files only.
     """
     held = PEN if pen is None else next(one for one in profile.pens if one.name == pen)
-    tool = profile.tool
-    if isinstance(tool, Brush):  # lowered until it touches, as a pen is
-        stand = ZPen(up_mm=tool.safe_mm, down_mm=tool.touch_mm, rate_mm_min=tool.rate_mm_min)
-        profile = msgspec.structs.replace(profile, tool=stand)
+    profile = msgspec.structs.replace(profile, tool=_as_pen(profile.tool))
     paper = profile.papers[0] if profile.papers else None
     x_mm, y_mm = (paper.x_mm, paper.y_mm) if paper else (profile.machine.x_mm, profile.machine.y_mm)
     page = paper.sheet if paper else Page(x_mm[1] - x_mm[0], y_mm[1] - y_mm[0])
@@ -291,6 +288,20 @@ def bench(profile: Profile, pen: str | None = None) -> Script:
         title="set-up",
     )
     return script(dot)
+
+
+def _as_pen(tool: Tool) -> Tool:
+    """A brush as a pen that is lowered until it touches; any other tool as it is."""
+    if isinstance(tool, ZBrush):
+        return ZPen(up_mm=tool.safe_mm, down_mm=tool.touch_mm, rate_mm_min=tool.rate_mm_min)
+    if isinstance(tool, EbbBrush):
+        lower_s = tool.lower_s + tool.way_s(tool.safe_percent, tool.touch_percent)
+        raise_s = tool.raise_s + tool.way_s(tool.touch_percent, tool.safe_percent)
+        return EbbServo(
+            up_percent=tool.safe_percent, down_percent=tool.touch_percent, low=tool.low, high=tool.high, pin=tool.pin,
+            raise_rate=tool.raise_rate, lower_rate=tool.lower_rate, lower_s=lower_s, raise_s=raise_s,
+        )  # fmt: skip
+    return tool
 
 
 def phrases(made: Script) -> Phrases:

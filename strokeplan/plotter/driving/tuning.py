@@ -18,10 +18,16 @@ import msgspec
 from strokeplan.errors import OutputError, ProfileError
 from strokeplan.files import atomic_write
 from strokeplan.plotter.profile import Profile, parse, source, user_folder
-from strokeplan.plotter.tools import AngleServo, Brush, EbbServo, PwmServo, ZPen
+from strokeplan.plotter.tools import AngleServo, EbbBrush, EbbServo, PwmServo, ZBrush, ZPen
 
-DOWN = {ZPen: "down_mm", PwmServo: "down_pwm", AngleServo: "down_deg", EbbServo: "down_percent", Brush: "touch_mm"}
-UP = {ZPen: "up_mm", PwmServo: "up_pwm", AngleServo: "up_deg", EbbServo: "up_percent", Brush: "safe_mm"}
+DOWN = {
+    ZPen: "down_mm", PwmServo: "down_pwm", AngleServo: "down_deg", EbbServo: "down_percent",
+    ZBrush: "touch_mm", EbbBrush: "touch_percent",
+}  # fmt: skip
+UP = {
+    ZPen: "up_mm", PwmServo: "up_pwm", AngleServo: "up_deg", EbbServo: "up_percent",
+    ZBrush: "safe_mm", EbbBrush: "safe_percent",
+}  # fmt: skip
 UNITS = {"mm": "--height", "pwm": "--pwm", "deg": "--deg", "percent": "--percent"}
 """The unit that a key ends with, and the option that gives such a value."""
 STEPS = {"mm": 0.1, "pwm": 10.0, "deg": 1.0, "percent": 1.0}

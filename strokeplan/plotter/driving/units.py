@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from strokeplan.errors import PlotError
-from strokeplan.plotter.brush import Visit, visits
+from strokeplan.plotter.brush import Visit, visits_by_line
 from strokeplan.plotter.driving.codec import Phrases
 from strokeplan.plotter.profile import Ebb, Gcode, Hpgl
 from strokeplan.plotter.program import JobPen, Program
@@ -164,10 +164,7 @@ class Script:
     @cached_property
     def stops(self) -> dict[int, list[Visit]]:
         """Stays at wells, by the line that they stand before."""
-        found: dict[int, list[Visit]] = {}
-        for stop in visits(self.program):
-            found.setdefault(stop.line, []).append(stop)
-        return found
+        return visits_by_line(self.program)
 
     def _refill(self, stops: dict[int, list[Visit]], line: int) -> list[Visit]:
         """The dip that the brush has been painting from, again: it has dried. How long it lasts stays as planned."""

@@ -22,7 +22,7 @@ from strokeplan.plotter.profile import Profile
 from strokeplan.plotter.simulating.device import Device, Main
 from strokeplan.plotter.simulating.recording import Spot
 from strokeplan.plotter.simulating.steppers import Block, Run
-from strokeplan.plotter.tools import EbbServo
+from strokeplan.plotter.tools import EbbBrush, EbbServo
 
 USB_BYTES = 64
 """What the board takes while its parser stands still."""
@@ -70,7 +70,7 @@ class Ebb(Device):
         at_mm: Spot = (0.0, 0.0),
     ) -> None:  # fmt: skip
         dialect, tool = profile.dialect, profile.tool
-        if not (isinstance(dialect, Dialect) and isinstance(tool, EbbServo)):
+        if not (isinstance(dialect, Dialect) and isinstance(tool, EbbServo | EbbBrush)):
             raise TypeError("a profile of another dialect")
         self.version, self.steps_mm, self.tool = version, dialect.steps_mm, tool
         self.corexy = profile.machine.kinematics == "corexy"
@@ -217,7 +217,7 @@ class Ebb(Device):
             return Move((v[1], v[4]), max(_lm_seconds(v[0], v[1], v[2]), _lm_seconds(v[3], v[4], v[5])))
         if name == "S2":
             pulse, pin, *rest = _numbers(given, 2, 4)
-            return Servo(pulse if pin == self.tool.pin else -1, (rest[1] if len(rest) > 1 else 0) / 1000)
+            return Servo(pulse if pin == self.tool.servo_pin else -1, (rest[1] if len(rest) > 1 else 0) / 1000)
         values = _numbers(given, 1, 3) if name == "SP" else [int(not self.pen_up), *_numbers(given, 0, 1)]
         up, ms = values[0], values[1] if len(values) > 1 else 0
         if up not in (0, 1):
@@ -397,9 +397,7 @@ class Ebb(Device):
     def _servo(self, pulse: int) -> None:
         if pulse < 0:
             return
-        tool = self.tool
-        up, down = (tool.low + (tool.high - tool.low) * at / 100 for at in (tool.up_percent, tool.down_percent))
-        low = abs(pulse - down) < abs(pulse - up)
+        low = self.touch.sweep(pulse)
         self.recorder.settle(self.now)
         self.recorder.pen(self.now + self.touch.late(low), down=low)
 

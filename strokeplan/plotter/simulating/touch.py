@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strokeplan.plotter.tools import AngleServo, Brush, PwmServo, Tool, ZPen
+from strokeplan.plotter.tools import AngleServo, EbbBrush, EbbServo, PwmServo, Tool, ZBrush, ZPen
 
 LATE = 0.8
 """The part of the profile's waiting time that a servo needs."""
@@ -19,14 +19,17 @@ class Touch:
         self._up, self._down = 0.0, 0.0
         if isinstance(tool, ZPen):
             self._up, self._down = tool.up_mm, tool.down_mm
-        if isinstance(tool, Brush):
+        if isinstance(tool, EbbBrush):  # its waits are beside the sweep
+            self.lower_s += LATE * tool.way_s(tool.safe_percent, tool.touch_percent)
+            self.raise_s += LATE * tool.way_s(tool.touch_percent, tool.safe_percent)
+        if isinstance(tool, ZBrush):
             self._up, self._down = tool.safe_mm, tool.touch_mm
         self._edge = self._down + ABOVE * (self._up - self._down)
 
     @property
     def by_height(self) -> bool:
         """Whether the z axis carries the pen."""
-        return isinstance(self.tool, ZPen | Brush)
+        return isinstance(self.tool, ZPen | ZBrush)
 
     @property
     def rest_z(self) -> float:
@@ -52,6 +55,16 @@ class Touch:
             return False
         up = tool.up_pwm or 0.0
         return abs(s - tool.down_pwm) < abs(s - up)
+
+    def sweep(self, pulse: int) -> bool:
+        """Whether an EiBotBoard's servo at that pulse has the pen, or the tip of the brush, on the paper."""
+        tool = self.tool
+        if isinstance(tool, EbbBrush):
+            safe, touch = tool.pulse(tool.safe_percent), tool.pulse(tool.touch_percent)
+            return pulse <= touch if touch < safe else pulse >= touch
+        if not isinstance(tool, EbbServo):
+            return False
+        return abs(pulse - tool.pulse(tool.down_percent)) < abs(pulse - tool.pulse(tool.up_percent))
 
     def angle(self, index: int, degrees: float) -> bool | None:
         """Whether a servo at that angle has the pen down; None if it is another servo."""

@@ -35,7 +35,7 @@ PATIENCE_S = 40.0
 NEAR_MM = 0.12
 """A point this near to a line lies on it: tolerance, steps, and what a hold leaves."""
 KNOWN = ("grbl_servo", "grbl_z", "fluidnc", "grblhal", "idraw_2", "ender3", "axidraw_v3", "nextdraw_2234", "hp7475a",
-         "uarm_swift_pro")  # fmt: skip
+         "uarm_swift_pro", "watercolorbot")  # fmt: skip
 _paths = count()
 
 

@@ -19,7 +19,7 @@ from strokeplan.plotter.program import PlotOptions, program
 
 MACHINES = (
     "grbl_servo", "grbl_z", "fluidnc", "grblhal", "idraw_2", "ender3", "axidraw_v3", "nextdraw_2234", "hp7475a",
-    "uarm_swift_pro",
+    "uarm_swift_pro", "watercolorbot",
 )  # fmt: skip
 NEAR_MM = 0.03
 

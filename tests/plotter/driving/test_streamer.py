@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawings import BAR, EYE, SWAN, drawing
-from rehearsal import Person, Rehearsal, check, missing, rehearse, short_job
+from rehearsal import Person, Rehearsal, check, lines_of, missing, rehearse, short_job
 
 from strokeplan.errors import OutputError
 from strokeplan.plotter.driving.codecs import baud_of, codec_for
@@ -16,6 +16,7 @@ from strokeplan.plotter.driving.streamer import Ending, Keeper, Streamer, Wish
 from strokeplan.plotter.driving.units import script
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import Program, program
+from strokeplan.plotter.simulating.faults import Fault, Faults
 from strokeplan.plotter.simulating.firmware import firmware
 from strokeplan.plotter.simulating.port import SimulatedPort
 
@@ -150,6 +151,33 @@ def test_a_command_that_is_none_of_drawing_stops_the_job(monkeypatch: pytest.Mon
     assert "'$100=1' is no command of drawing" in ending.reason
     assert person.port.device.forbidden == ()
     assert "$100=1" not in person.port.device.received  # type: ignore[attr-defined]
+
+
+def test_a_brush_on_a_servo_paints_to_its_end_and_goes_on_with_a_full_one(tmp_path: Path) -> None:
+    """Pans and water lie left of the paper; power fails in the second half."""
+    plan = drawing(
+        [SWAN, EYE, BAR, BAR - 20], widths=np.array([1.0, 3.0, 6.0, 4.0]), pens=("red", "red", "blue", "blue")
+    )
+    job = program(plan, load_profile("watercolorbot"))
+    result = rehearse(job, tmp_path)
+    assert [run.ending.finished for run in result.runs] == [True]
+    assert not result.port.device.pen_down
+    assert missing(job, result.port.device.drawn) == []
+    pots = [line for line in result.port.device.drawn.lines if line[:, 0].max() < 70]
+    assert [round(float(line[0, 1]), 1) for line in pots] == [40.9, 8.6, 94.5, 171.7, 143.2, 8.6, 94.5, 171.7]
+    paper = [line for line in result.port.device.drawn.lines if line[:, 0].max() >= 70]
+    assert sum(np.hypot(*np.diff(line, axis=0).T).sum() for line in paper) == pytest.approx(
+        sum(np.hypot(*np.diff(line, axis=0).T).sum() for line in lines_of(job)), rel=0.01
+    )
+    half = 0.75 * result.runs[0].end_s
+    again = rehearse(job, tmp_path, faults=Faults((Fault("power-cut", half, "s"),)))
+    assert again.finished
+    assert missing(job, again.port.device.drawn) == []
+    second = again.runs[1]
+    assert second.first > 0
+    times = [t[0] for line, t in zip(again.port.device.drawn.lines, again.port.device.drawn.times, strict=True)]
+    resumed = next(k for k, at in enumerate(times) if at > second.begin_s)
+    assert again.port.device.drawn.lines[resumed][0, 0] < 70, "it begins at a pan"
 
 
 def test_an_emergency_stops_at_once() -> None:

@@ -109,6 +109,15 @@ def test_emergency_stop_at_speed_loses_steps_and_slowly_none() -> None:
         assert left + done == 16000
 
 
+def test_a_brush_is_down_at_and_below_the_height_where_it_touches() -> None:
+    """The WaterColorBot's touches at 19550, 35 % of 15000..28000; another pin's servo is another one."""
+    host = Host("watercolorbot")
+    for pulse, pin, down in ((24100, 4, False), (20000, 4, False), (19550, 4, True), (18250, 4, True), (24100, 5, True),
+                             (19600, 4, False)):  # fmt: skip
+        host.ask(f"S2,{pulse},{pin},1177,300\r", 1.0)
+        assert host.device.pen_down == down, pulse
+
+
 def test_names_and_the_boot_loader_are_noted() -> None:
     host = Host("axidraw_v3")
     host.ask("ST,Me\rBL\rQT\r")
