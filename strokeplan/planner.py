@@ -30,12 +30,13 @@ from strokeplan.importance import check_mask, load_mask
 from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
 from strokeplan.layer_fields import submit_fields
 from strokeplan.layering import Job, Progress, canvas_error, paint_layers
-from strokeplan.page import Page
+from strokeplan.page import Page, parse_page
 from strokeplan.palette import choose_colors
 from strokeplan.pens import PenSet
 from strokeplan.presets import Preset, Recipe, load_preset, load_recipe
 from strokeplan.pressure import add_pressure
 from strokeplan.resolution import load_for, working_copy, working_preset
+from strokeplan.sheet import PAGE
 from strokeplan.strokes import StrokePlan
 from strokeplan.version import __version__
 from strokeplan.workers import at_work
@@ -65,7 +66,7 @@ def plan(
     strokes: int | None = None,
     detail: float | None = None,
     mask: str | os.PathLike[str] | ArrayLike | None = None,
-    page: Page | None = None,
+    page: Page | str | None = None,
     pens: str | os.PathLike[str] | PenSet | None = None,
     max_length_mm: float | None = None,
     max_time_s: float | None = None,
@@ -84,7 +85,8 @@ def plan(
              1 matters most, 0.5 is neutral. It takes the place of the preset's own importance.
 
     A preset of ink makes a pen drawing in millimetres (see ink.py), for which there are
-    page           the sheet and its margin; by default A4 with 15 mm, turned as the photo;
+    page           the sheet and its margin, or its name ("A5", "200x300mm") with one of 15 mm; by default A4, turned
+                   as the photo;
     pens           a set of pens (a name, a .toml file, a PenSet); by default the preset's;
     max_length_mm  how far the pens may draw: the best drawing for that much ink;
     max_time_s     how long the machine of `profile` may draw;
@@ -100,7 +102,7 @@ def plan(
         inked = inked.changed(
             seed=seed,
             strokes=strokes,
-            page=page,
+            page=parse_page(page, f"{PAGE.margin_mm}mm") if isinstance(page, str) else page,
             pens=pens,
             max_length_mm=max_length_mm,
             max_time_s=max_time_s,

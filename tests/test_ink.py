@@ -290,3 +290,11 @@ def test_the_command_line_draws_in_ink(tmp_path: Path, sample_photo: Path) -> No
     assert "engraving" in CliRunner().invoke(app, ["presets"]).output
     refused = CliRunner().invoke(app, ["plan", str(sample_photo), "--pens", "cmyk", "-o", str(out)])
     assert isinstance(refused.exception, InputError | SystemExit)
+
+
+def test_a_page_has_a_name_in_python_too(small_picture: NDArray[np.uint8]) -> None:
+    named, made = (strokeplan.plan(small_picture, "contour", page=page) for page in ("74x105mm", Page(74, 105, 15)))
+    assert (named.width, named.height) == (74, 105)
+    assert np.array_equal(named.points, made.points)
+    with pytest.raises(strokeplan.InputError, match="A99"):
+        strokeplan.plan(small_picture, "contour", page="A99")
