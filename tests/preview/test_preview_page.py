@@ -357,12 +357,11 @@ def test_playing_goes_from_the_blank_canvas_to_the_end(open_page: OpenPage, plan
         }"""
     )
     page.keyboard.press("Space")
-    page.wait_for_function("window.told.at(-1) === 30")
     page.wait_for_selector("#play[aria-label=Play]")
+    settle(page, 30)
     told = page.evaluate("window.told")
     assert told[0] < 30  # it began anew
     assert told == sorted(told)
-    settle(page, 30)
     assert psnr(page, first_strokes(plan, 30)) > PSNR_DB
 
 
