@@ -103,7 +103,7 @@ def compile_kernels(stage: Literal["planner", "ink"] = "planner") -> None:
     """Compile the kernels of painting or drawing, and say so, unless that has been done on this machine."""
     module = import_module(f"strokeplan.{stage}")
     if not module.compiled():
-        typer.echo("compiling the kernels for this machine, once: some twenty seconds", err=True)
+        typer.echo("compiling the kernels for this machine, once: about half a minute", err=True)
         # In a thread, because the compiler hears no Ctrl-C for seconds, and waiting does.
         compiler = Thread(target=module.warm_up, daemon=True)
         compiler.start()
