@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from results import table
-from timing import SAMPLES, STROKEPLAN, median, repeated, run, tiled_photo
+from timing import SAMPLES, STROKEPLAN, apart, median, repeated, run, tiled_photo
 
 import strokeplan
 from strokeplan.formats import json as strokes_json
@@ -107,14 +107,14 @@ def sizes(folder: Path) -> str:
     rows: list[tuple[str, ...]] = []
     before: tuple[int, float] | None = None
     for width, height in ((1225, 816), (2450, 1633), (4899, 3266), (6000, 4000)):
-        photo = str(tiled_photo(folder / f"{width}.jpg", width, height))
+        photo = str(apart(tiled_photo, folder / f"{width}.jpg", width, height))
         plan = str(folder / "plan.json")
         cost = median([run(*STROKEPLAN, "plan", photo, "-p", "paper", "-o", plan, "-q") for _ in range(3)])
         megapixels = width * height / 1e6
         grown = f"{(cost.peak_mb - before[1]) * 2**20 / (width * height - before[0]):.0f}" if before else ""
         before = (width * height, cost.peak_mb)
         rows.append((
-            f"{megapixels:.1f}", f"{len(strokeplan.load(plan)):,}", f"{cost.wall_s:.2f} s", f"{cost.cpu_s:.2f} s",
+            f"{megapixels:.1f}", f"{apart(strokes_in, plan):,}", f"{cost.wall_s:.2f} s", f"{cost.cpu_s:.2f} s",
             f"{cost.cpu_s / megapixels:.2f} s", f"{cost.peak_mb:.0f} MB", grown,
         ))  # fmt: skip
     header = ("megapixels", "strokes", "wall", "CPU", "CPU per megapixel", "peak memory", "bytes per further pixel")
@@ -124,10 +124,14 @@ def sizes(folder: Path) -> str:
     )
 
 
+def strokes_in(plan: str) -> int:
+    return len(strokeplan.load(plan))
+
+
 def resolutions(folder: Path) -> str:
     rows: list[tuple[str, ...]] = []
     for width, height in ((640, 426), (1024, 1024), (2000, 1300), (4000, 2500), (11600, 8640)):
-        photo, plan = str(enlarged_photo(folder / f"{width}.jpg", width, height)), str(folder / "plan.svg")
+        photo, plan = str(apart(enlarged_photo, folder / f"{width}.jpg", width, height)), str(folder / "plan.svg")
         cost = median([run(*STROKEPLAN, "plan", photo, "-o", plan, "-q") for _ in range(3)])
         strokes = Path(plan).read_bytes().count(b"<path ")
         megapixels = width * height / 1e6

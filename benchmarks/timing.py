@@ -7,13 +7,18 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
 
 SAMPLES = Path(__file__).parent.parent / "samples"
+Result = TypeVar("Result")
 STROKEPLAN = (sys.executable, "-m", "strokeplan")
 
 
@@ -51,6 +56,12 @@ def repeated(count: int, *command: str) -> Cost:
     """The median of `count` runs after one that is not counted."""
     run(*command)
     return median([run(*command) for _ in range(count)])
+
+
+def apart(work: Callable[..., Result], *arguments: object) -> Result:
+    """The result of `work` in a process of its own: what this one has ever held counts in the peak of all it starts."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *arguments).result()
 
 
 def tiled_photo(path: Path, width: int, height: int) -> Path:
