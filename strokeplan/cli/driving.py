@@ -289,8 +289,7 @@ def _drive(
         link = Link(transport, trace=record, emergency=operator.emergency)
         said = _met(link, codec, home=home)
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
-        known = codec.kept or home
-        where = "the machine knows its place: it was not moved by hand" if known else "the pen stands at the origin, up"
+        where = _where(machine, known=codec.kept or home)
         if not operator.place(f"{_in_place(work, first)}; {where}{_believed(link, codec, work)}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
@@ -316,6 +315,19 @@ def _in_place(work: Script, first: int) -> str:
     )
     pens, pen = work.program.pens, work.program.pens[work.program.pen[line]]
     return sheet if len(pens) == 1 or work.by_itself else f"{sheet}, pen {pen.name!r} (slot {pen.slot}) is in"
+
+
+def _where(machine: Profile, *, known: bool) -> str:
+    """Where the pen must stand before a machine that takes its place for zero, all axes, as it starts."""
+    from strokeplan.plotter.tools import ZBrush, ZPen
+
+    if known:
+        return "the machine knows its place: it was not moved by hand"
+    tool = machine.tool
+    if not isinstance(tool, ZPen | ZBrush):
+        return "the pen stands at the origin, up"
+    paper = tool.down_mm if isinstance(tool, ZPen) else tool.touch_mm
+    return f"the pen stands at the origin, its tip where Z is 0 (it touches the paper at Z{paper:g})"
 
 
 def _met(link: Link, codec: Codec, *, home: bool) -> str:

@@ -50,11 +50,15 @@ def simulate(
         formats.writer(path)
         check_writable(path)
     formats.prepare(output or ())
+
+    def told(what: str) -> None:
+        typer.echo(f"{what}; {_summary(device, machine)}", err=True)
+
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with opened(port) as server:
         typer.echo(f"{machine.description}: {server.url}")
         try:
-            serve(device, server, speed, told=lambda what: typer.echo(f"{what}; {_summary(device, machine)}", err=True))
+            serve(device, server, speed, told=told, by_hand=True)
         except KeyboardInterrupt:
             typer.echo(f"ended; {_summary(device, machine)}", err=True)
     if output:

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import Protocol
 
 from strokeplan.errors import DeviceLost, InputError
+from strokeplan.plotter.simulating.device import Device
 from strokeplan.plotter.simulating.firmware import Firmware
 from strokeplan.plotter.simulating.port import SimulatedPort
 
@@ -45,14 +46,20 @@ def serve(
     *,
     told: Callable[[str], None],
     clock: Callable[[], float] = time.monotonic,
+    by_hand: bool = False,
 ) -> None:
-    """Serve one host after the other until interrupted; `told` hears what happens. Raises KeyboardInterrupt."""
+    """Serve one host after the other until interrupted; `told` hears what happens. Raises KeyboardInterrupt.
+
+    `by_hand`: the carriage of a board that starts anew with its port is put to its origin before, as `plot` has it done.
+    """
     begin = clock()
     while True:
         if not server.host():
             device.advance(clock() - begin)
             continue
         told("opened")
+        if by_hand and isinstance(device, Device) and device.resets:
+            device.by_hand((0.0, 0.0), clock() - begin, 0.0)
         port = SimulatedPort(device, baud, clock() - begin)
         with suppress(DeviceLost, OSError):
             _talk(port, server, lambda: clock() - begin)

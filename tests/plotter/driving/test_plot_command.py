@@ -200,3 +200,16 @@ def test_a_drawing_beyond_its_page_is_told(bench: Bench, tmp_path: Path) -> None
     for chains, told in (([SWAN, BAR], False), ([SWAN, far], True)):
         said = run("plot", saved(drawing(chains), tmp_path), "--profile", "grbl_servo", "--dry-run")
         assert ("5.00 mm beyond the page; --clip cuts it" in said) is told
+
+
+@pytest.mark.parametrize(
+    ("machine", "words"), [("ender3", "its tip where Z is 0 (it touches the paper at Z0)"), ("grbl_servo", "up")]
+)
+def test_a_pen_on_z_is_put_to_its_zero(
+    machine: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board that starts anew takes the height where its pen stands for zero, too."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    at(Bench(machine), monkeypatch)
+    said = run("plot", saved(THREE, tmp_path), "--profile", machine, "--port", "x", "--yes")
+    assert f"the pen stands at the origin, {words}: taken as done" in said

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ from strokeplan.plotter.simulating.device import Device
 from strokeplan.plotter.simulating.faults import Fault, Faults, Faulty
 from strokeplan.plotter.simulating.firmware import firmware
 from strokeplan.plotter.simulating.port import HOST_BYTES
-from strokeplan.plotter.simulating.serving import opened
+from strokeplan.plotter.simulating.serving import opened, serve
 
 
 def faulty(*faults: Fault, profile: str = "grbl_servo") -> Host:
@@ -210,3 +211,36 @@ def test_a_tcp_port_in_real_time_serves_one_host_after_the_other(tmp_path: Path)
         assert came.startswith(b"start\n")
         time.sleep(0.1)
     end(process)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_a_person_puts_the_carriage_to_its_origin(by_hand: bool) -> None:
+    """Between two hosts; without, a board that starts anew takes any place for zero."""
+    device, hosts, ticks = firmware(load_profile("ender3")), iter([True, False, True, False]), count()
+    assert isinstance(device, Device)
+    starts: list[tuple[float, float]] = []
+
+    class Server:
+        url = "nowhere"
+
+        def host(self) -> bool:
+            try:
+                return next(hosts)
+            except StopIteration:
+                raise KeyboardInterrupt from None
+
+        def read(self, timeout_s: float) -> bytes:
+            return b""
+
+        def write(self, data: bytes) -> None: ...
+
+        def close(self) -> None: ...
+
+    def told(what: str) -> None:
+        if what == "closed":
+            starts.append(device.recorder.at)
+            device.by_hand((30.0, 40.0), float(next(ticks)), 5.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        serve(device, Server(), 115200, told=told, clock=lambda: float(next(ticks)), by_hand=by_hand)
+    assert starts == [(0.0, 0.0), (0.0, 0.0) if by_hand else (30.0, 40.0)]
