@@ -50,7 +50,7 @@ def serve(
 ) -> None:
     """Serve one host after the other until interrupted; `told` hears what happens. Raises KeyboardInterrupt.
 
-    `by_hand`: the carriage of a board that starts anew with its port is put to its origin before, as `plot` has it done.
+    `by_hand`: before, the carriage of a board that starts anew with its port is put to its origin, as `plot` asks for.
     """
     begin = clock()
     while True:
