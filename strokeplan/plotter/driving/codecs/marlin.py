@@ -9,7 +9,7 @@ where the line ends.
 Known limits: an 8-bit checksum (XOR) misses one damaged line in 256; in builds without keepalive ("busy:"), a move
 longer than the patience of a line is asked for again, which does no harm.
 
-Sources: Marlin's queue.cpp (line numbers, resends), G-code index (M110, M113, M114, M115, M400, M410, M112).
+Sources: Marlin's queue.cpp (line numbers, resends), G-code index (M110, M113, M114, M115, M400, M112).
 """
 
 from __future__ import annotations
@@ -78,8 +78,6 @@ class MarlinCodec:
         self.phrases, self.profile = phrases, profile
         self.link: Link | None = None
         self.kept = False
-        self.parser = False
-        """M410 and M112 are heard at once."""
         self.waiting: deque[tuple[str, int | None]] = deque()
         self.line: _Line | None = None
         self.sent: deque[_Line] = deque(maxlen=REMEMBERED)
@@ -92,10 +90,10 @@ class MarlinCodec:
         """After a Resend: nothing is sent until its `ok` has come, or this time."""
         self.told: set[str] = set()
         self.seen: tuple[float, float] | None = None
+        """The last place that M114 showed."""
         self.at: tuple[float | None, float | None] = None, None
         """Where M114 must see the pen."""
         self.relative = False
-        """The last place that M114 showed."""
 
     # Conversations
 
@@ -112,7 +110,6 @@ class MarlinCodec:
             heard: list[str] = []
             if link.hear(partial(self._named, heard), GREETING_S):
                 heard += link.drain(0.3)
-                self.parser = any("Cap:EMERGENCY_PARSER:1" in line for line in heard)
                 self._number_anew(link)
                 return self._title(heard)
         raise DriveError("no answer: is the machine on, is this its port? (the profile speaks Marlin at 115200 baud)")
@@ -169,10 +166,7 @@ class MarlinCodec:
         link.forget()
         if kind == "reset":
             link.drain(1.5, 10.0)
-        elif self.parser:
-            link.push(b"M410\n")
-            link.drain(0.5)
-        self._number_anew(link)
+        self._number_anew(link)  # no M410 before: motors that it stops at speed lose steps, and Marlin does not say so
         self.say(link, self.phrases.start)
         known = kind not in ("reset", "silent")
         self.say(link, self.phrases.up if known else self.phrases.lift)
