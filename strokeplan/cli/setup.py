@@ -153,7 +153,7 @@ def frame(
 ) -> None:
     """Walk around the drawing, pen up, as `plot` would lay it on the sheet; and back."""
     from strokeplan import formats
-    from strokeplan.plotter.driving.setup import bounds
+    from strokeplan.plotter.driving.setup import corners
     from strokeplan.plotter.profile import load_profile
     from strokeplan.plotter.program import program
 
@@ -163,13 +163,13 @@ def frame(
         keep_order=True,
     )  # fmt: skip
     drawing = program(formats.load(plan), machine, options)
-    corners = bounds(drawing)
-    (left, low), (right, high) = corners[0], corners[2]
+    way = corners(drawing)
+    (left, low), (right, high) = way[0], way[2]
     typer.echo(f"{'page':<11} {drawing.transform.describe()}")
     typer.echo(f"{'drawing':<11} X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm")
     with at_machine(machine, port, baud, trace, home=home) as session:
         for _ in range(times):
-            session.walk(corners)
+            session.walk(way)
         typer.echo(where(session))
 
 

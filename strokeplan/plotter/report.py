@@ -20,22 +20,23 @@ def bounds(program: Program) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def report(program: Program) -> list[tuple[str, str]]:
     """The machine, how the page lies in it, where the pen goes, how long it takes: (name, text) rows for people."""
-    (left, low), (right, high) = bounds(program)
+    least, most = bounds(program)
+    (left, low), (right, high) = least, most
+    beyond = _beyond(program, least, most)
     pens = [f"{pen.name} in {pen.slot}" for pen in program.pens]
     shown = [*pens[:12], f"{len(pens) - 12} more"] if len(pens) > 12 else pens
     return [
         ("machine", program.profile.description),
         ("page", program.transform.describe()),
-        ("bounds", f"the pen draws within X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm{_beyond(program)}"),
+        ("bounds", f"the pen draws within X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm{beyond}"),
         *([("pens", ", ".join(shown))] if len(pens) > 1 else []),
         *estimate(program).rows(),
     ]
 
 
-def _beyond(program: Program) -> str:
-    """By how much the drawing leaves its sheet, if it does."""
+def _beyond(program: Program, least: NDArray[np.float64], most: NDArray[np.float64]) -> str:
+    """By how much the drawing, which reaches from `least` to `most`, leaves its sheet, if it does."""
     page = program.transform.page
     corners = program.transform.points(np.array([[0.0, 0.0], [page.width_mm, page.height_mm]]))
-    low, high = bounds(program)
-    beyond = float(np.maximum(corners.min(axis=0) - low, high - corners.max(axis=0)).max())
+    beyond = float(np.maximum(corners.min(axis=0) - least, most - corners.max(axis=0)).max())
     return f": {beyond:.2f} mm beyond the page; --clip cuts it" if beyond > OFF_PAGE_MM else ""

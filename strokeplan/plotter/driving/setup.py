@@ -25,6 +25,7 @@ from strokeplan.plotter.driving.units import Script, script
 from strokeplan.plotter.machine import TOLERANCE_MM, PageTransform
 from strokeplan.plotter.profile import PenSettings, Point, Profile
 from strokeplan.plotter.program import JobPen, Program
+from strokeplan.plotter.report import bounds
 from strokeplan.plotter.tools import EbbBrush, EbbServo, Tool, ZBrush, ZPen
 
 PEN = PenSettings(name="pen")
@@ -256,10 +257,9 @@ def check_reach(profile: Profile, at: Point) -> None:
             )
 
 
-def bounds(program: Program) -> list[Point]:
+def corners(program: Program) -> list[Point]:
     """The four corners of what is drawn, mm of the machine, in the order of a walk."""
-    points, _ = program.polylines
-    (left, low), (right, high) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    (left, low), (right, high) = (reached.tolist() for reached in bounds(program))
     return [(left, low), (right, low), (right, high), (left, high)]
 
 

@@ -12,7 +12,7 @@ from machines import Port, session
 
 from strokeplan.errors import DeviceLost, DriveError, InputError, PlotError
 from strokeplan.plotter.driving.codec import Locator
-from strokeplan.plotter.driving.setup import Session, bench, bounds, towards
+from strokeplan.plotter.driving.setup import Session, bench, corners, towards
 from strokeplan.plotter.driving.tuning import tried
 from strokeplan.plotter.profile import load_profile, names
 from strokeplan.plotter.program import PlotOptions, program
@@ -249,7 +249,7 @@ def test_frame_walks_around_the_drawing_and_back(name: str) -> None:
     first = expected.min(axis=0)
     made.go(float(first[0]), float(first[1]))
     port.places.clear()
-    made.walk(bounds(job))
+    made.walk(corners(job))
     been = np.array(port.places)
     assert been.min(axis=0) == pytest.approx(expected.min(axis=0), abs=0.1)
     assert been.max(axis=0) == pytest.approx(expected.max(axis=0), abs=0.1)
