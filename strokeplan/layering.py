@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan import budget
+from strokeplan import budget, painting, pursuit, search
 from strokeplan.canvas import Packed, mean_distance, pack
 from strokeplan.field import OrientationField
 from strokeplan.image import Photo
@@ -25,7 +26,6 @@ from strokeplan.palette import color_table, plan_palette
 from strokeplan.presets import Preset
 from strokeplan.pursuit import Pursuit
 from strokeplan.pursuit.rules import layer_rules, pursuit_brush
-from strokeplan.search import search
 from strokeplan.workers import Workers
 
 UNSEEN = 290.0
@@ -70,13 +70,6 @@ class Job:
         self.palette = plan_palette(preset, photo.rgb, seed)
         self.seconds = {"fields": 0.0, "strokes": 0.0}
 
-    @property
-    def as_in_the_paper(self) -> bool:
-        """Whether the preset asks for nothing but what the paper describes."""
-        p = self.preset
-        further = p.keep == "gain" or p.seeding != "grid" or p.cover or p.importance or p.regions or p.thin
-        return not further and self.mask is None
-
     def waited(self, stage: str, began: float) -> None:
         self.seconds[stage] += perf_counter() - began
 
@@ -92,14 +85,20 @@ class Job:
 
 def paint_layers(job: Job, style: Preset, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """Strokes of all layers in the way that suits the preset and the budget, and the canvas."""
-    if job.as_in_the_paper:
-        return _paint_by_threshold(job, workers)
-    if most is not None and budget.searched(style, most):
-        return _search(job, most, workers)
-    return _pursue(job, most, workers)
+    ways = {painting: _paint_by_threshold, search: _search, pursuit: _pursue}
+    return ways[way(style, most, job.mask is not None)](job, most, workers)
 
 
-def _paint_by_threshold(job: Job, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+def way(style: Preset, most: int | None, masked: bool) -> ModuleType:
+    """What lays the strokes: `painting` where a style asks for nothing but what the paper describes, `search` for few
+    strokes, else `pursuit`."""
+    further = style.keep == "gain" or style.seeding != "grid" or style.cover or style.importance or style.regions
+    if not (further or style.thin or masked):
+        return painting
+    return search if budget.searched(style, most) else pursuit
+
+
+def _paint_by_threshold(job: Job, _: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """The paper's way: strokes of all layers, and the canvas."""
     canvas = np.full_like(job.pixels, job.background)
     layers: list[LayerStrokes] = []
@@ -123,11 +122,12 @@ def _paint_by_threshold(job: Job, workers: Workers) -> tuple[list[LayerStrokes],
     return layers, canvas
 
 
-def _search(job: Job, most: int, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+def _search(job: Job, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """At most so many strokes, each searched for, and the canvas."""
+    assert most is not None  # noqa: S101 (no budget, no search)
     preset, weight, began = job.preset, _weight(job), perf_counter()
     picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", workers=workers)
-    strokes = search(
+    strokes = search.search(
         job.pixels,
         weight,
         most,

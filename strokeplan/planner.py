@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strokeplan import budget, drawing, painting, pursuit, search
+from strokeplan import budget, drawing
 from strokeplan.assembling import assemble, on_canvas
 from strokeplan.canvas import unpack
 from strokeplan.errors import InputError, StrokeplanWarning
@@ -29,7 +29,7 @@ from strokeplan.image import Photo, as_photo, load_photo
 from strokeplan.importance import check_mask, load_mask
 from strokeplan.ink_presets import InkPreset, InkRecipe, find_ink
 from strokeplan.layer_fields import submit_fields
-from strokeplan.layering import Job, Progress, canvas_error, paint_layers
+from strokeplan.layering import Job, Progress, canvas_error, paint_layers, way
 from strokeplan.page import Page, parse_page
 from strokeplan.palette import choose_colors
 from strokeplan.pens import PenSet
@@ -157,15 +157,35 @@ def plan(
     return on_canvas(painted, photo, settings)
 
 
-def compiled() -> bool:
-    """Whether the kernels are in Numba's cache; if not, the first plan compiles them."""
-    return painting.compiled() and pursuit.compiled() and search.compiled()
+def compiled(
+    preset: Preset | Recipe, strokes: int | None = None, detail: float | None = None, masked: bool = False
+) -> bool:
+    """Whether the kernels of such a plan are in Numba's cache; if not, the first one compiles them.
+
+    Raises InputError.
+    """
+    return bool(way(*budget.within(load_recipe(preset), strokes, detail), masked).compiled())
 
 
-def warm_up() -> None:
-    """Compile every kernel, or load it if it is cached, by plans of a few pixels."""
+def warm_up(
+    preset: Preset | Recipe | None = None,
+    strokes: int | None = None,
+    detail: float | None = None,
+    masked: bool = False,
+) -> None:
+    """Compile the kernels of such a plan, without a preset those of any, by plans of a few pixels.
+
+    Those that are cached are loaded. Raises InputError.
+    """
     picture = np.zeros((32, 32, 3), np.uint8)
     picture[:, 12:20] = 255
+    if preset is not None:
+        recipe = load_recipe(preset)._replace(mask=None)
+        style, most = budget.within(recipe, strokes, detail)
+        few = 2 if budget.searched(style, most) else most
+        mask = np.ones(picture.shape[:2]) if masked else None
+        plan(picture, recipe, strokes=few, detail=detail, mask=mask, threads=2)
+        return
     plan(picture, "fine", threads=2)
     plan(picture, "fine", strokes=2, threads=1)
     for widest in (0, 2):  # the adaptive field has kernels of its own

@@ -166,7 +166,7 @@ def _plan(file: Path, style: dict[str, Any]) -> StrokePlan:
     preset = presets.style(style.pop("preset", "fine"), style.pop("settings", None))
     if "palette" in style:
         preset = preset.override(msgspec.to_builtins(parse_palette(style.pop("palette"))))
-    compile_kernels()
+    compile_kernels("planner", preset, style.get("strokes"), style.get("detail"), bool(style.get("mask")))
     with planning_bar(quiet=False) as progress:
         return planner.plan(file, preset, style.pop("seed", 0), progress=progress, **style)
 

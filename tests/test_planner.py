@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import ModuleType
 
 import msgspec
 import numpy as np
@@ -16,16 +18,18 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 import strokeplan
-from strokeplan import painting
-from strokeplan.canvas import paint_chain, unpack
+from strokeplan import painting, planner, pursuit, search
+from strokeplan.budget import SEARCHED
+from strokeplan.canvas import Packed, paint_chain, unpack
 from strokeplan.formats import json as strokes_json
 from strokeplan.image import as_photo
 from strokeplan.layer_fields import layer_field, layer_spread, layer_tract
-from strokeplan.layering import Progress
-from strokeplan.painting import cell_axis, wander_key
+from strokeplan.layering import Job, Progress, paint_layers, way
+from strokeplan.painting import LayerStrokes, cell_axis, wander_key
 from strokeplan.planner import Report
-from strokeplan.presets import Preset, load_preset
+from strokeplan.presets import Preset, Recipe, load_preset
 from strokeplan.strokes import StrokePlan
+from strokeplan.workers import Workers
 
 Picture = NDArray[np.uint8]
 SAMPLES = ROOT / "samples"
@@ -348,6 +352,36 @@ EVERY_OPTION = {
     "palette_size": 9, "seeding": "error", "layers.2.gain": 0.5, "layers.3.hue_jitter": 20,
     "layers.1.lightness_shift": 10,
 }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("preset", "strokes", "masked", "kind"),
+    [
+        ("paper", None, False, painting),
+        ("paper", None, True, pursuit),
+        ("fine", None, False, pursuit),
+        ("fine", 100, False, search),
+        ("fine", SEARCHED + 1, False, pursuit),
+    ],
+)
+def test_a_run_compiles_what_it_needs_and_no_more(
+    monkeypatch: pytest.MonkeyPatch, preset: str, strokes: int | None, masked: bool, kind: ModuleType
+) -> None:
+    """A first run would take twice as long if it compiled the kernels of every other kind of plan."""
+    used: list[ModuleType] = []
+
+    def paint(job: Job, style: Preset, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
+        used.append(way(style, most, job.mask is not None))
+        assert most is None or most == 2 or most > SEARCHED  # a search takes seconds, however small the photo
+        return paint_layers(job, load_preset("paper"), None, workers)
+
+    for module in (painting, pursuit, search):
+        monkeypatch.setattr(module, "compiled", partial(used.append, module))
+    monkeypatch.setattr(planner, "paint_layers", paint)
+    recipe = Recipe(load_preset(preset), strokes=strokes)
+    assert not planner.compiled(recipe, masked=masked)
+    planner.warm_up(recipe, masked=masked)
+    assert used == [kind, kind]
 
 
 def test_fine_is_the_default() -> None:

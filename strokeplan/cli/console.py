@@ -99,13 +99,16 @@ def drawing_bar(quiet: bool) -> Iterator[Callable[[Drawing], None] | None]:
         yield tell
 
 
-def compile_kernels(stage: Literal["planner", "ink"] = "planner") -> None:
-    """Compile the kernels of painting or drawing, and say so, unless that has been done on this machine."""
+def compile_kernels(stage: Literal["planner", "ink"], *arguments: object) -> None:
+    """Compile the kernels of painting or drawing so, and say so, unless that has been done on this machine.
+
+    arguments  those of the stage's own `compiled` and `warm_up`.
+    """
     module = import_module(f"strokeplan.{stage}")
-    if not module.compiled():
+    if not module.compiled(*arguments):
         typer.echo("compiling the kernels for this machine, once: about half a minute", err=True)
         # In a thread, because the compiler hears no Ctrl-C for seconds, and waiting does.
-        compiler = Thread(target=module.warm_up, daemon=True)
+        compiler = Thread(target=module.warm_up, args=arguments, daemon=True)
         compiler.start()
         compiler.join()
 

@@ -59,7 +59,7 @@ def inspect(
     if wander is not None:
         style = style.override({"wander": wander})
     photo = load_photo(image)
-    compile_kernels()
+    compile_kernels("planner", style)
     field = layer_field(photo, style, layer)
     start = figures.clearest_point(field) if point is None else _parse_point(point)
     tract = layer_tract(field, style, layer, start)
@@ -103,7 +103,7 @@ def montage(
     formats.check_picture(output, *paths)
     style = presets.style(preset, settings)
     figures.check_montage(columns, tile)
-    compile_kernels()
+    compile_kernels("planner", style)
     pictures = []
     for path in paths:
         photo = load_photo(path)
@@ -207,7 +207,8 @@ def _evaluated(folder: Path, styles: dict[str, Preset]) -> Iterator[tuple[str, s
     if not folder.is_dir():
         raise ImageError(f"--set {folder}: is no folder")
     paths = photo_files([folder])
-    compile_kernels()
+    for style in styles.values():
+        compile_kernels("planner", style)
     for path in paths:
         photo = load_photo(path)
         for name, style in styles.items():

@@ -101,7 +101,7 @@ def plan(
     photo = reading.result()
     read = perf_counter() - waiting
     formats.check_canvas(output, photo.width, photo.height)
-    compile_kernels()
+    compile_kernels("planner", recipe, strokes, detail, mask is not None)
     # While this thread runs kernels, for which no other thread of Python has to wait.
     if style.keep == "gain":
         begin(planner.load_kernels)
