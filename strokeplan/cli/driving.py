@@ -4,31 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from strokeplan.cli.machines import echo_report, plot_options
-from strokeplan.cli.options import (
-    ClipOption,
-    GroupBy,
-    GroupOption,
-    HiddenOption,
-    KeepOrderOption,
-    LandscapeOption,
-    MarginOption,
-    MirrorOption,
-    PageOption,
-    PenSetOption,
-    PenWidthOption,
-    PlanArgument,
-    RotateOption,
-    ScaleOption,
-    SlotsOption,
-    StrokeLinesOption,
-    WithinOption,
-)
+from strokeplan.cli.options import LayoutGroup, LinesGroup, PlanArgument, PlotLinesGroup, grouped
 
 if TYPE_CHECKING:
     from strokeplan.plotter.driving.codec import Codec
@@ -76,36 +59,25 @@ JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Its name, the b
 jobs_app = typer.Typer(help="List the jobs that were begun; remove one.", invoke_without_command=True)
 
 
+@grouped
 def plot(
     plan: PlanArgument,
     profile: MachineOption,
     port: PortOption = None,
     baud: BaudOption = None,
     dry_run: DryRunOption = False,
-    page: PageOption = None,
-    landscape: LandscapeOption = False,
-    margin: MarginOption = None,
-    rotate: RotateOption = 0,
-    mirror: MirrorOption = False,
-    scale: ScaleOption = None,
-    clip: ClipOption = False,
-    within: WithinOption = None,
-    group_by: GroupOption = GroupBy.layer,
-    keep_order: KeepOrderOption = False,
-    strokes: StrokeLinesOption = None,
-    hidden: HiddenOption = None,
-    pen_set: PenSetOption = None,
-    pen_width: PenWidthOption = None,
-    pen: SlotsOption = None,
     from_stroke: FirstOption = 1,
     layers: LayersOption = None,
-    pens: OnlyPensOption = None,
+    only: OnlyPensOption = None,
     copies: CopiesOption = 1,
     home: HomeOption = False,
     yes: YesOption = False,
     jobs: JobsOption = None,
     trace: TraceOption = None,
     quiet: QuietDrivingOption = False,
+    *,
+    layout: LayoutGroup,
+    lines: PlotLinesGroup,
 ) -> None:
     """Draw a strokes file with a machine, stroke by stroke, so that whatever happens it can be resumed."""
     from strokeplan import formats
@@ -117,36 +89,20 @@ def plot(
 
     if port is None and not dry_run:
         raise InputError("no port is given; give --port, or --dry-run to see what would be drawn")
-    asked: dict[str, Any] = {
-        "page": page,
-        "margin": margin,
-        "landscape": landscape,
-        "rotate": rotate,
-        "mirror": mirror,
-        "scale": scale,
-        "clip": clip,
-        "by_colour": group_by is GroupBy.colour,
-        "keep_order": keep_order,
-        "slots": list(pen or ()),
-        "strokes": strokes.value if strokes else None,
-        "hidden": hidden.value if hidden else None,
-        "pens": pen_set,
-        "pen_width": pen_width,
-    }
     machine = load_profile(profile)
-    whole = program(formats.load(plan), machine, plot_options(**asked, within=within))
-    chosen = choose(whole, first=from_stroke, layers=layers or (), pens=pens or ())
+    whole = program(formats.load(plan), machine, plot_options(layout, lines))
+    chosen = choose(whole, first=from_stroke, layers=layers or (), pens=only or ())
     work = script(chosen, copies)
     codec = codec_for(machine, work.phrases(int(chosen.pen[0])))
     if not quiet or dry_run:
         echo_report(chosen)
     if dry_run or port is None:
         return
-    files, order = _order(plan, profile, within, asked, chosen, work)
+    files, order = _order(plan, profile, layout, lines, chosen, work)
     import msgspec
 
     order = msgspec.structs.replace(
-        order, first=from_stroke, layers=tuple(layers or ()), pens=tuple(pens or ()), port=port, baud=baud
+        order, first=from_stroke, layers=tuple(layers or ()), pens=tuple(only or ()), port=port, baud=baud
     )
 
     def begin() -> Job:
@@ -197,7 +153,7 @@ def resume(
 
 
 def _order(
-    plan: Path, profile: str, within: Path | None, asked: dict[str, Any], chosen: Program, work: Script
+    plan: Path, profile: str, layout: LayoutGroup, lines: LinesGroup, chosen: Program, work: Script
 ) -> tuple[dict[str, bytes], Order]:
     """The files of a job, and what was asked for."""
     import hashlib
@@ -211,17 +167,17 @@ def _order(
     suffixes = "".join(plan.suffixes[-2:]) if plan.suffix == ".gz" else plan.suffix
     text = Path(profile).read_bytes() if profile.endswith(".toml") else source(profile)
     files = {f"plan{suffixes}": data, PROFILE: text}
-    if within is not None:
-        files["within.svg"] = within.read_bytes()
-    pen_set = str(asked["pens"])
-    if pen_set.endswith(".toml"):
-        files["pens.toml"] = Path(pen_set).read_bytes()
+    if layout.within is not None:
+        files["within.svg"] = layout.within.read_bytes()
+    if lines.pens is not None and lines.pens.endswith(".toml"):
+        files["pens.toml"] = Path(lines.pens).read_bytes()
     order = Order(
         plan=f"plan{suffixes}",
         plan_sha256=hashlib.sha256(data).hexdigest(),
         profile=chosen.profile.name,
-        options=asked,
-        within=None if within is None else "within.svg",
+        layout=vars(replace(layout, within=None)),
+        lines=vars(lines),
+        within="within.svg" if "within.svg" in files else None,
         pen_set="pens.toml" if "pens.toml" in files else None,
         copies=work.copies,
         port="",
@@ -236,6 +192,8 @@ def _order(
 
 def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
     """The machine, the drawing and its script of a job, as they were."""
+    import msgspec
+
     from strokeplan import formats
     from strokeplan.plotter.driving.jobs import PROFILE, check_drawing, check_plan, content
     from strokeplan.plotter.driving.units import choose, script
@@ -245,9 +203,12 @@ def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
     order = job.order
     text = content(job, PROFILE)
     machine = parse(text.read_bytes(), str(text), order.profile)
-    within = None if order.within is None else content(job, order.within)
-    asked = order.options if order.pen_set is None else order.options | {"pens": str(content(job, order.pen_set))}
-    whole = program(formats.load(check_plan(job)), machine, plot_options(**asked, within=within))
+    layout, lines = msgspec.convert((order.layout, order.lines), tuple[LayoutGroup, LinesGroup])
+    if order.within is not None:
+        layout = replace(layout, within=content(job, order.within))
+    if order.pen_set is not None:
+        lines = replace(lines, pens=str(content(job, order.pen_set)))
+    whole = program(formats.load(check_plan(job)), machine, plot_options(layout, lines))
     chosen = choose(whole, first=order.first, layers=order.layers, pens=order.pens)
     check_drawing(job, chosen)
     return machine, chosen, script(chosen, order.copies)

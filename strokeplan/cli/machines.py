@@ -4,52 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import typer
 
 from strokeplan.cli.console import echo_written
+from strokeplan.cli.options import GroupBy
 
 if TYPE_CHECKING:
+    from strokeplan.cli.options import LayoutGroup, LinesGroup
     from strokeplan.pens import PenSet
     from strokeplan.plotter.options import OwnPens, PlotOptions
     from strokeplan.plotter.program import Program
     from strokeplan.strokes import StrokePlan
 
+FOR_MACHINES = "{0} is for machines: give --profile"
 
-def plot_options(
-    page: str | None,
-    margin: str | None,
-    *,
-    landscape: bool = False,
-    rotate: int = 0,
-    mirror: bool = False,
-    scale: float | None = None,
-    clip: bool = False,
-    within: Path | None = None,
-    by_colour: bool = False,
-    keep_order: bool = False,
-    slots: Sequence[str] | None = None,
-    strokes: Literal["centre", "bundle"] | None = None,
-    hidden: Literal["keep", "remove"] | None = None,
-    pens: str | None = None,
-    pen_width: str | None = None,
-) -> PlotOptions:
-    """The options of a program, as the command line gives them."""
+
+def plot_options(layout: LayoutGroup, lines: LinesGroup) -> PlotOptions:
+    """The options of a program, as the command line gives them. Raises InputError, PlotError."""
     from strokeplan.page import parse_length, parse_page
     from strokeplan.plotter.layout import LayoutOptions, read_area
     from strokeplan.plotter.options import PlotOptions
 
-    sheet = parse_page(page, margin, landscape=landscape)
+    sheet = parse_page(layout.page, layout.margin, landscape=layout.landscape)
+    area = None if layout.within is None else read_area(layout.within)
     return PlotOptions(
-        layout=LayoutOptions(sheet, rotate, mirror, scale, clip, None if within is None else read_area(within)),
-        by_colour=by_colour,
-        keep_order=keep_order,
-        slots=tuple(_slot(text) for text in slots or ()),
-        strokes=strokes or "centre",
-        hidden=hidden,
-        pens=None if pens is None else _pens(pens),
-        pen_width_mm=None if pen_width is None else parse_length(pen_width, "pen width"),
+        layout=LayoutOptions(sheet, layout.rotate, layout.mirror, layout.scale, layout.clip, area),
+        by_colour=lines.group_by is GroupBy.colour,
+        keep_order=lines.keep_order,
+        slots=tuple(_slot(text) for text in lines.pen or ()),
+        strokes=lines.strokes.value if lines.strokes else "centre",
+        hidden=lines.hidden.value if lines.hidden else None,
+        pens=None if lines.pens is None else _pens(lines.pens),
+        pen_width_mm=None if lines.pen_width is None else parse_length(lines.pen_width, "pen width"),
     )
 
 
@@ -128,10 +116,10 @@ def machine_rows(plan: StrokePlan, profile: str, options: PlotOptions) -> list[t
     return report(program(plan, load_profile(profile), options))
 
 
-def refuse(given: Mapping[str, object], message: str) -> None:
-    """Raise InputError for the first option that has no place here."""
+def refuse(given: LayoutGroup | LinesGroup | Mapping[str, object], message: str, *, but: Sequence[str] = ()) -> None:
+    """Raise InputError for the first option that has no place here, `but` for some."""
     from strokeplan.errors import InputError
 
-    for name, value in given.items():
-        if value not in (None, False, 0):
-            raise InputError(message.format(name))
+    for name, value in (given if isinstance(given, Mapping) else vars(given)).items():
+        if name not in but and value not in (None, False, 0, GroupBy.layer):
+            raise InputError(message.format(name.replace("_", "-")))

@@ -1,12 +1,19 @@
-"""Options that several commands share."""
+"""Options that several commands share: one by one, or as a group, which is a dataclass that a command takes whole."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterator
+from copy import copy
+from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar, get_args, get_type_hints
 
 import typer
+
+_BY_NAME = inspect.Parameter.KEYWORD_ONLY
 
 
 class Orientation(StrEnum):
@@ -193,3 +200,71 @@ PenWidthOption = Annotated[
 DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Say where it goes and how long it takes; write nothing.")
 ]
+
+
+@dataclass(frozen=True)
+class LayoutGroup:
+    """How a drawing lies on the sheet of a machine."""
+
+    PANEL: ClassVar = "Layout"
+
+    page: PageOption = None
+    landscape: LandscapeOption = False
+    margin: MarginOption = None
+    rotate: RotateOption = 0
+    mirror: MirrorOption = False
+    scale: ScaleOption = None
+    clip: ClipOption = False
+    within: WithinOption = None
+
+
+@dataclass(frozen=True)
+class LinesGroup:
+    """What strokes become as lines of a machine's pens."""
+
+    PANEL: ClassVar = "Lines and pens"
+
+    group_by: GroupOption = GroupBy.layer
+    keep_order: KeepOrderOption = False
+    strokes: StrokeLinesOption = None
+    hidden: HiddenOption = None
+    pens: NearestPensOption = None
+    pen_width: PenWidthOption = None
+    pen: SlotsOption = None
+
+
+@dataclass(frozen=True)
+class PlotLinesGroup(LinesGroup):
+    """The same where --pens says which pens draw."""
+
+    pens: PenSetOption = None
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of its groups in their place, as Typer wants them; --help has a panel for each."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    shown: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        shown += (
+            _options(groups[name]) if name in groups else [parameter.replace(annotation=hints[name], kind=_BY_NAME)]
+        )
+
+    @wraps(command)
+    def ungrouped(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        command(**given)
+
+    ungrouped.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+    return ungrouped
+
+
+def _options(group: Any) -> Iterator[inspect.Parameter]:
+    """The options of a group as parameters of a command."""
+    hints = get_type_hints(group, include_extras=True)
+    for field in fields(group):
+        kind, option = get_args(hints[field.name])
+        option = copy(option)
+        option.rich_help_panel = group.PANEL
+        yield inspect.Parameter(field.name, _BY_NAME, default=field.default, annotation=Annotated[kind, option])

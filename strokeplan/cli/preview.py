@@ -8,22 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from strokeplan.cli.console import echo_written, painting_bar
-from strokeplan.cli.machines import plot_options, refuse
-from strokeplan.cli.options import (
-    HiddenOption,
-    KeepOrderOption,
-    LandscapeOption,
-    MarginOption,
-    MirrorOption,
-    NearestPensOption,
-    PageOption,
-    PenWidthOption,
-    PlanArgument,
-    ProfileOption,
-    QuietOption,
-    RotateOption,
-    StrokeLinesOption,
-)
+from strokeplan.cli.machines import FOR_MACHINES, plot_options, refuse
+from strokeplan.cli.options import LayoutGroup, LinesGroup, PlanArgument, ProfileOption, QuietOption, grouped
 
 if TYPE_CHECKING:
     from strokeplan.plotter.options import PlotOptions
@@ -31,6 +17,7 @@ if TYPE_CHECKING:
     from strokeplan.strokes import StrokePlan
 
 
+@grouped
 def preview(
     plan: PlanArgument,
     output: Annotated[
@@ -45,51 +32,21 @@ def preview(
     width: Annotated[int | None, typer.Option("--width", help="Its width in pixels; by default up to 800.")] = None,
     quiet: QuietOption = False,
     profile: ProfileOption = None,
-    page: PageOption = None,
-    landscape: LandscapeOption = False,
-    margin: MarginOption = None,
-    rotate: RotateOption = 0,
-    mirror: MirrorOption = False,
-    keep_order: KeepOrderOption = False,
-    lines: StrokeLinesOption = None,
-    hidden: HiddenOption = None,
-    pens: NearestPensOption = None,
-    pen_width: PenWidthOption = None,
+    *,
+    layout: LayoutGroup,
+    lines: LinesGroup,
 ) -> None:
     """Watch a strokes file being painted, or with --profile plotted: a page that plays it, a time lapse."""
     _check_targets(plan, output, video, open_page)
     from strokeplan import formats
     from strokeplan.preview import save_page, save_time_lapse
 
-    asked = {
-        "page": page,
-        "margin": margin,
-        "landscape": landscape,
-        "rotate": rotate,
-        "mirror": mirror,
-        "keep-order": keep_order,
-        "strokes": lines,
-        "hidden": hidden,
-        "pens": pens,
-        "pen-width": pen_width,
-    }
     strokes, plot = formats.load(plan), None
     if profile is None:
-        refuse(asked, "{0} is for machines: give --profile")
+        refuse(layout, FOR_MACHINES)
+        refuse(lines, FOR_MACHINES)
     else:
-        options = plot_options(
-            page,
-            margin,
-            landscape=landscape,
-            rotate=rotate,
-            mirror=mirror,
-            keep_order=keep_order,
-            strokes=lines.value if lines else None,
-            hidden=hidden.value if hidden else None,
-            pens=pens,
-            pen_width=pen_width,
-        )
-        strokes, plot = _plotted(strokes, profile, options)
+        strokes, plot = _plotted(strokes, profile, plot_options(layout, lines))
     if video is not None:
         with painting_bar(quiet, "time lapse") as progress:
             save_time_lapse(strokes, video, seconds=seconds, fps=fps, width=width, progress=progress)

@@ -10,17 +10,7 @@ import typer
 from strokeplan.cli.driving import BaudOption, MachineOption, TraceOption
 from strokeplan.cli.jogging import jog_by_keys, need_terminal, put_corner
 from strokeplan.cli.machines import plot_options
-from strokeplan.cli.options import (
-    ClipOption,
-    LandscapeOption,
-    MarginOption,
-    MirrorOption,
-    PageOption,
-    PlanArgument,
-    RotateOption,
-    ScaleOption,
-    WithinOption,
-)
+from strokeplan.cli.options import LayoutGroup, LinesGroup, PlanArgument, grouped
 from strokeplan.cli.session import SetupPortOption, at_machine, where
 
 if TYPE_CHECKING:
@@ -134,22 +124,17 @@ def origin(
             put_corner(session)
 
 
+@grouped
 def frame(
     plan: PlanArgument,
     profile: MachineOption,
     port: SetupPortOption = "auto",
     baud: BaudOption = None,
-    page: PageOption = None,
-    landscape: LandscapeOption = False,
-    margin: MarginOption = None,
-    rotate: RotateOption = 0,
-    mirror: MirrorOption = False,
-    scale: ScaleOption = None,
-    clip: ClipOption = False,
-    within: WithinOption = None,
     times: Annotated[int, typer.Option("--times", min=1, max=99, help="Go around so often.")] = 1,
     home: HomeFirstOption = False,
     trace: TraceOption = None,
+    *,
+    layout: LayoutGroup,
 ) -> None:
     """Walk around the drawing, pen up, as `plot` would lay it on the sheet; and back."""
     from strokeplan import formats
@@ -158,11 +143,7 @@ def frame(
     from strokeplan.plotter.program import program
 
     machine = load_profile(profile)
-    options = plot_options(
-        page, margin, landscape=landscape, rotate=rotate, mirror=mirror, scale=scale, clip=clip, within=within,
-        keep_order=True,
-    )  # fmt: skip
-    drawing = program(formats.load(plan), machine, options)
+    drawing = program(formats.load(plan), machine, plot_options(layout, LinesGroup(keep_order=True)))
     way = corners(drawing)
     (left, low), (right, high) = way[0], way[2]
     typer.echo(f"{'page':<11} {drawing.transform.describe()}")

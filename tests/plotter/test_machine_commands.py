@@ -86,8 +86,24 @@ def test_info_says_what_a_machine_needs(tmp_path: Path) -> None:
     for word in ("strokes", "lines", "travelled", "time", "(estimated)", "Ender-3"):
         assert word in said
     assert "Ender-3" not in run("info", plan)
-    with pytest.raises(StrokeplanError, match="give --profile"):
-        run("info", plan, "--page", "A4")
+    for option, value in (("page", "A4"), ("group-by", "colour"), ("keep-order", None), ("pen-width", 1)):
+        with pytest.raises(StrokeplanError, match=f"^{option} is for machines: give --profile"):
+            run("info", plan, f"--{option}", *([] if value is None else [value]))
+
+
+def test_options_mean_the_same_in_every_command(tmp_path: Path) -> None:
+    """What `info` and a dry run of `plot` say is what `export` writes, whatever way the drawing is laid and drawn."""
+    plan = saved(drawing([BAR, EYE, BAR - np.array([0, 20])], pens=("red", "blue", "red")), tmp_path)
+    area = tmp_path / "area.svg"
+    area.write_text(SVG.replace("M20 20 C80 0 120 80 180 20", "M20 20 H210 V280 H20 Z"))
+    laid = ["--page", "A5", "--margin", 12, "--landscape", "--rotate", 180, "--mirror", "--scale", 0.9, "--clip"]
+    options = [*laid, "--within", area, "--keep-order", "--pen-width", 0.7, "--pen", "blue=2", "--group-by", "pen"]
+    machine = ["--profile", "grbl_servo"]
+    told = run("export", plan, "-o", tmp_path / "x.gcode", *machine, *options, "--dry-run").splitlines()[:-1]
+    assert run("plot", plan, *machine, *options, "--dry-run").splitlines() == told
+    assert run("info", plan, *machine, *options).splitlines()[-len(told) :] == told
+    plain = run("export", plan, "-o", tmp_path / "x.gcode", *machine, "--dry-run").splitlines()[:-1]
+    assert plain != told
 
 
 @pytest.mark.parametrize(

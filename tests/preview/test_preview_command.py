@@ -76,6 +76,7 @@ def test_open_shows_the_page(
         (("-o", "a.svg"), "a.svg: unknown suffix '.svg' for a page; known is .html"),
         (("--video", "a.mp4"), "a.mp4: unknown suffix '.mp4' for a time lapse; known are .gif and .webp"),
         (("-o", "no/a.html"), "no/a.html: the folder no does not exist"),
+        (("-o", "a.html", "--scale", "0.5"), "scale is for machines: give --profile"),
         (("--video", "a.gif", "--fps", "99"), "fps 99 is no frame rate; give more than 0 and at most 50"),
     ],
 )

@@ -36,8 +36,9 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     plan_sha256: str
     profile: str
     """Its name; its text is in the folder."""
-    options: dict[str, Any]
-    """Of the program, as the command line names them."""
+    layout: dict[str, Any]
+    lines: dict[str, Any]
+    """Options of the program, as the command line names them."""
     within: str | None = None
     """Name of the copy of an area's SVG."""
     pen_set: str | None = None

@@ -14,7 +14,11 @@ from typer.testing import CliRunner, Result
 from strokeplan.cli import app
 from strokeplan.errors import StrokeplanError
 from strokeplan.formats import save
+from strokeplan.page import parse_page
+from strokeplan.pens import load_pens
 from strokeplan.plotter.driving import transport
+from strokeplan.plotter.layout import LayoutOptions
+from strokeplan.plotter.options import PlotOptions
 from strokeplan.plotter.profile import load_profile
 from strokeplan.plotter.program import program
 from strokeplan.plotter.simulating.faults import Fault, Faults
@@ -114,9 +118,8 @@ def test_a_job_is_resumed_without_its_plan_or_profile(tmp_path: Path, monkeypatc
     said = run("resume", name[:14], "--yes", "--port", "/dev/ttyUSB1", "--jobs", tmp_path / "jobs")
     assert "all 3 strokes" in said
     assert bench.opened[1][0] == "/dev/ttyUSB1"
-    from strokeplan.cli.machines import plot_options
-
-    wanted = program(THREE, load_profile("grbl_servo"), plot_options("A6", "10", landscape=True))
+    page = PlotOptions(LayoutOptions(parse_page("A6", "10", landscape=True)))
+    wanted = program(THREE, load_profile("grbl_servo"), page)
     assert not missing(wanted, bench.device.drawn)
 
 
@@ -177,9 +180,8 @@ def test_a_painting_is_resumed_with_its_pens(tmp_path: Path, monkeypatch: pytest
     options = ("--page", "A6", "--margin", 10, "--landscape", "--strokes", "bundle")
     with pytest.raises(StrokeplanError, match="continue with: strokeplan resume"):
         run("plot", saved(THREE, tmp_path), *PLOT, *options, "--pen-set", pens)
-    from strokeplan.cli.machines import plot_options
-
-    asked = plot_options("A6", "10", landscape=True, strokes="bundle", pens=str(pens))
+    page = LayoutOptions(parse_page("A6", "10", landscape=True))
+    asked = PlotOptions(page, strokes="bundle", pens=load_pens(pens))
     wanted = program(THREE, load_profile("grbl_servo"), asked)
     pens.unlink()
     assert "strokes; the journal stays" in run("resume", "last", "--yes")
