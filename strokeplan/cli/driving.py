@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from strokeplan.cli.machines import echo_report, plot_options
-from strokeplan.cli.options import LayoutGroup, LinesGroup, PlanArgument, PlotLinesGroup, grouped
+from strokeplan.cli.options import (
+    DrivingGroup,
+    JobsOption,
+    LayoutGroup,
+    LinesGroup,
+    MachineOption,
+    PlanArgument,
+    PlotLinesGroup,
+    grouped,
+)
+from strokeplan.cli.session import opened, traced
 
 if TYPE_CHECKING:
     from strokeplan.plotter.driving.codec import Codec
@@ -22,14 +31,6 @@ if TYPE_CHECKING:
     from strokeplan.plotter.profile import Profile
     from strokeplan.plotter.program import Program
 
-MachineOption = Annotated[
-    str, typer.Option("--profile", metavar="NAME|FILE", help="The machine; `strokeplan profiles` lists them.")
-]
-PortOption = Annotated[
-    str | None,
-    typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://…, or auto."),
-]
-BaudOption = Annotated[int | None, typer.Option("--baud", help="Of the port; by default what such machines have.")]
 DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Say where the drawing lies and how long it takes; open no port.")
 ]
@@ -41,19 +42,6 @@ OnlyPensOption = Annotated[
     list[str] | None, typer.Option("--pens", metavar="NAME", help="Only these; may be repeated.")
 ]
 CopiesOption = Annotated[int, typer.Option("--copies", min=1, max=999, help="Draw it so many times, a sheet each.")]
-JobsOption = Annotated[
-    Path | None,
-    typer.Option("--jobs", metavar="DIR", help="Where jobs are kept; by default in the user's state folder."),
-]
-TraceOption = Annotated[
-    Path | None, typer.Option("--trace", metavar="FILE", help="Record every byte, both ways, with its time.")
-]
-YesOption = Annotated[
-    bool,
-    typer.Option("--yes", "-y", help="Pen and paper are in place; changes of pen are still asked for."),
-]
-HomeOption = Annotated[bool, typer.Option("--home", help="Have the machine look for its switches first.")]
-QuietDrivingOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Its name, the beginning of it, or last.")]
 
 jobs_app = typer.Typer(help="List the jobs that were begun; remove one.", invoke_without_command=True)
@@ -63,19 +51,13 @@ jobs_app = typer.Typer(help="List the jobs that were begun; remove one.", invoke
 def plot(
     plan: PlanArgument,
     profile: MachineOption,
-    port: PortOption = None,
-    baud: BaudOption = None,
     dry_run: DryRunOption = False,
     from_stroke: FirstOption = 1,
     layers: LayersOption = None,
     only: OnlyPensOption = None,
     copies: CopiesOption = 1,
-    home: HomeOption = False,
-    yes: YesOption = False,
-    jobs: JobsOption = None,
-    trace: TraceOption = None,
-    quiet: QuietDrivingOption = False,
     *,
+    driving: DrivingGroup,
     layout: LayoutGroup,
     lines: PlotLinesGroup,
 ) -> None:
@@ -87,69 +69,53 @@ def plot(
     from strokeplan.plotter.profile import load_profile
     from strokeplan.plotter.program import program
 
-    if port is None and not dry_run:
+    if driving.port is None and not dry_run:
         raise InputError("no port is given; give --port, or --dry-run to see what would be drawn")
     machine = load_profile(profile)
     whole = program(formats.load(plan), machine, plot_options(layout, lines))
     chosen = choose(whole, first=from_stroke, layers=layers or (), pens=only or ())
     work = script(chosen, copies)
     codec = codec_for(machine, work.phrases(int(chosen.pen[0])))
-    if not quiet or dry_run:
+    if not driving.quiet or dry_run:
         echo_report(chosen)
-    if dry_run or port is None:
+    if dry_run:
         return
-    files, order = _order(plan, profile, layout, lines, chosen, work)
     import msgspec
 
+    files, order = _order(plan, profile, layout, lines, chosen, work)
     order = msgspec.structs.replace(
-        order, first=from_stroke, layers=tuple(layers or ()), pens=tuple(only or ()), port=port, baud=baud
+        order,
+        first=from_stroke,
+        layers=tuple(layers or ()),
+        pens=tuple(only or ()),
+        port=driving.port,
+        baud=driving.baud,
     )
 
     def begin() -> Job:
         from strokeplan.plotter.driving.jobs import create, jobs_folder
 
-        return create(jobs_folder(jobs), order, files)
+        return create(jobs_folder(driving.jobs), order, files)
 
-    _drive(
-        port,
-        baud,
-        machine,
-        codec,
-        work,
-        begin,
-        0,
-        home=home,
-        yes=yes,
-        trace=trace,
-        quiet=quiet,
-    )
+    _drive(driving, codec, work, begin, 0)
 
 
-def resume(
-    job: JobArgument,
-    port: PortOption = None,
-    baud: BaudOption = None,
-    home: HomeOption = False,
-    yes: YesOption = False,
-    jobs: JobsOption = None,
-    trace: TraceOption = None,
-    quiet: QuietDrivingOption = False,
-) -> None:
+@grouped
+def resume(job: JobArgument, *, driving: DrivingGroup) -> None:
     """Continue a job at the first stroke that is not proven drawn: after a stop, a crash, a pulled cable."""
     from strokeplan.errors import InputError
     from strokeplan.plotter.driving.codecs import codec_for
     from strokeplan.plotter.driving.jobs import find, jobs_folder
 
-    found = find(jobs_folder(jobs), job)
+    found = find(jobs_folder(driving.jobs), job)
     order = found.order
     if found.finished:
         raise InputError(f"job {found.name} is finished; remove it: strokeplan jobs remove {found.name}")
-    machine, chosen, work = _rebuilt(found)
-    codec = codec_for(machine, work.phrases(int(chosen.pen[found.done % len(chosen)])))
-    _drive(
-        port or order.port, baud or order.baud, machine, codec, work, lambda: found, found.done,
-        home=home, yes=yes, trace=trace, quiet=quiet,
-    )  # fmt: skip
+    work = _rebuilt(found)
+    program = work.program
+    codec = codec_for(program.profile, work.phrases(int(program.pen[found.done % len(program)])))
+    driving = replace(driving, port=driving.port or order.port, baud=driving.baud or order.baud)
+    _drive(driving, codec, work, lambda: found, found.done)
 
 
 def _order(
@@ -190,8 +156,8 @@ def _order(
     return files, order
 
 
-def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
-    """The machine, the drawing and its script of a job, as they were."""
+def _rebuilt(job: Job) -> Script:
+    """The script of a job's drawing, as it was."""
     import msgspec
 
     from strokeplan import formats
@@ -211,23 +177,10 @@ def _rebuilt(job: Job) -> tuple[Profile, Program, Script]:
     whole = program(formats.load(check_plan(job)), machine, plot_options(layout, lines))
     chosen = choose(whole, first=order.first, layers=order.layers, pens=order.pens)
     check_drawing(job, chosen)
-    return machine, chosen, script(chosen, order.copies)
+    return script(chosen, order.copies)
 
 
-def _drive(
-    port: str,
-    baud: int | None,
-    machine: Profile,
-    codec: Codec,
-    work: Script,
-    begin: Any,
-    first: int,
-    *,
-    home: bool,
-    yes: bool,
-    trace: Path | None,
-    quiet: bool,
-) -> None:
+def _drive(driving: DrivingGroup, codec: Codec, work: Script, begin: Callable[[], Job], first: int) -> None:
     """Greet the machine, make sure of pen and paper, draw, say how it ended."""
     from strokeplan.cli.operator import at_the_machine
     from strokeplan.errors import DriveError
@@ -239,18 +192,18 @@ def _drive(
     from strokeplan.plotter.driving.timetable import timetable
     from strokeplan.plotter.driving.transport import open_port
 
-    table = timetable(work.program, work.copies)
-    port = chosen(port, machine)
+    table, machine = timetable(work.program, work.copies), work.program.profile
+    port = chosen(driving.port or "auto", machine)
     with (
-        traced(trace) as record,
-        opened(open_port(port, baud or baud_of(machine))) as transport,
-        at_the_machine(table, yes=yes, quiet=quiet) as operator,
+        traced(driving.trace) as record,
+        opened(open_port(port, driving.baud or baud_of(machine))) as transport,
+        at_the_machine(table, yes=driving.yes, quiet=driving.quiet) as operator,
     ):
         keep_awake(transport, awake=False)
         link = Link(transport, trace=record, emergency=operator.emergency)
-        said = _met(link, codec, home=home)
+        said = _met(link, codec, home=driving.home)
         typer.echo(f"{'port':<11} {port}: {said}", err=True)
-        where = _where(machine, known=codec.kept or home)
+        where = _where(machine, known=codec.kept or driving.home)
         if not operator.place(f"{_in_place(work, first)}; {where}{_believed(link, codec, work)}"):
             raise DriveError("stopped before the first stroke; nothing was drawn")
         job = begin()
@@ -314,30 +267,6 @@ def _believed(link: Link, codec: Codec, work: Script) -> str:
     return (
         f" (the machine says that it is at X{at[0] * work.unit_mm:.2f} Y{at[1] * work.unit_mm:.2f}: that is believed)"
     )
-
-
-@contextmanager
-def opened(transport: Any) -> Iterator[Any]:
-    try:
-        yield transport
-    finally:
-        transport.close()
-
-
-@contextmanager
-def traced(path: Path | None) -> Iterator[IO[str] | None]:
-    from strokeplan.errors import OutputError
-    from strokeplan.files import check_writable
-
-    if path is None:
-        yield None
-        return
-    check_writable(path)
-    try:
-        with path.open("w", encoding="ascii") as stream:
-            yield stream
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _report(job: Job, work: Script, ending: Ending) -> None:

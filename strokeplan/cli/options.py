@@ -240,6 +240,58 @@ class PlotLinesGroup(LinesGroup):
     pens: PenSetOption = None
 
 
+MachineOption = Annotated[
+    str, typer.Option("--profile", metavar="NAME|FILE", help="The machine; `strokeplan profiles` lists them.")
+]
+PortOption = Annotated[
+    str,
+    typer.Option("--port", metavar="PORT|URL", help="As of plot: /dev/ttyUSB0, COM3 …; auto: the only one that fits."),
+]
+DrivingPortOption = Annotated[
+    str | None,
+    typer.Option("--port", metavar="PORT|URL", help="/dev/ttyUSB0, COM3, socket://host:port, rfc2217://…, or auto."),
+]
+BaudOption = Annotated[int | None, typer.Option("--baud", help="Of the port; by default what such machines have.")]
+TraceOption = Annotated[
+    Path | None, typer.Option("--trace", metavar="FILE", help="Record every byte, both ways, with its time.")
+]
+HomeOption = Annotated[bool, typer.Option("--home", help="Have the machine look for its switches first.")]
+YesOption = Annotated[
+    bool,
+    typer.Option("--yes", "-y", help="Pen and paper are in place; changes of pen are still asked for."),
+]
+JobsOption = Annotated[
+    Path | None,
+    typer.Option("--jobs", metavar="DIR", help="Where jobs are kept; by default in the user's state folder."),
+]
+
+
+@dataclass(frozen=True)
+class PortGroup:
+    """How a machine is reached."""
+
+    PANEL: ClassVar = "Port"
+
+    port: PortOption = "auto"
+    baud: BaudOption = None
+    trace: TraceOption = None
+
+
+@dataclass(frozen=True)
+class DrivingGroup:
+    """How a machine is driven."""
+
+    PANEL: ClassVar = "Driving"
+
+    port: DrivingPortOption = None
+    baud: BaudOption = None
+    home: HomeOption = False
+    yes: YesOption = False
+    jobs: JobsOption = None
+    trace: TraceOption = None
+    quiet: QuietOption = False
+
+
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """The command with the options of its groups in their place, as Typer wants them; --help has a panel for each."""
     hints = get_type_hints(command, include_extras=True)

@@ -2,78 +2,69 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from strokeplan.cli.driving import BaudOption, MachineOption, TraceOption
-from strokeplan.cli.session import SetupPortOption, at_machine
+from strokeplan.cli.options import MachineOption, PortGroup, grouped
+from strokeplan.cli.session import at_machine
 
 if TYPE_CHECKING:
     from strokeplan.plotter.driving.setup import Session
-    from strokeplan.plotter.profile import Profile
 
-HeightOption = Annotated[float | None, typer.Option("--height", metavar="MM", help="Of a pen on an axis.")]
-PercentOption = Annotated[float | None, typer.Option("--percent", metavar="0..100", help="Of an EiBotBoard's servo.")]
-PwmOption = Annotated[float | None, typer.Option("--pwm", metavar="S", help="Of a servo on the spindle's output.")]
-DegOption = Annotated[float | None, typer.Option("--deg", metavar="DEGREES", help="Of a servo that Marlin turns.")]
 NamedPenOption = Annotated[
     str | None, typer.Option("--pen", metavar="NAME", help="A pen that the profile says something of.")
 ]
-SaveOption = Annotated[bool, typer.Option("--save", help="Write the value into your own profile.")]
 PEN_KEYS = "+ and - change the height, s saves it; Enter or q raises the pen"
-
 
 app = typer.Typer(help="Raise and lower the pen, and find its heights.", no_args_is_help=True)
 
 
-@app.command("up")
-def pen_up(
-    profile: MachineOption,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
-    height: HeightOption = None,
-    percent: PercentOption = None,
-    pwm: PwmOption = None,
-    deg: DegOption = None,
-    save: SaveOption = False,
-    trace: TraceOption = None,
-) -> None:
-    """Raise the pen; with a value, to that height."""
-    from strokeplan.plotter.profile import load_profile
+@dataclass(frozen=True)
+class HeightGroup:
+    """A height of the pen, in what the profile says it."""
 
-    tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=False)
-    tuned.check(save)
-    with at_machine(tuned.machine, port, baud, trace, moves=False):
+    PANEL: ClassVar = "Height"
+
+    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Of a pen on an axis.")] = None
+    percent: Annotated[float | None, typer.Option("--percent", metavar="0..100", help="Of an EiBotBoard's servo.")] = (
+        None
+    )
+    pwm: Annotated[float | None, typer.Option("--pwm", metavar="S", help="Of a servo on the spindle's output.")] = None
+    deg: Annotated[float | None, typer.Option("--deg", metavar="DEGREES", help="Of a servo that Marlin turns.")] = None
+    save: Annotated[bool, typer.Option("--save", help="Write the value into your own profile.")] = False
+
+
+@app.command("up")
+@grouped
+def pen_up(profile: MachineOption, *, heights: HeightGroup, reached: PortGroup) -> None:
+    """Raise the pen; with a value, to that height."""
+    tuned = _Tuned(profile, heights, down=False)
+    tuned.check()
+    with at_machine(tuned.machine, reached, moves=False):
         typer.echo(f"the pen is up{tuned.text}")
-    if save:
-        tuned.save()
+    tuned.keep()
 
 
 @app.command("down")
+@grouped
 def pen_down(
     profile: MachineOption,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
-    height: HeightOption = None,
-    percent: PercentOption = None,
-    pwm: PwmOption = None,
-    deg: DegOption = None,
     pen: NamedPenOption = None,
     seconds: Annotated[
         float, typer.Option("--seconds", min=0, max=3600, help="It is raised again after this, or by Enter.")
     ] = 30.0,
     stay: Annotated[bool, typer.Option("--stay", help="Leave it down.")] = False,
-    save: SaveOption = False,
-    trace: TraceOption = None,
+    *,
+    heights: HeightGroup,
+    reached: PortGroup,
 ) -> None:
     """Lower the pen, with a value to that height, and raise it again; at a terminal + and - change the height."""
-    from strokeplan.plotter.profile import load_profile
-
-    tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=True, pen=pen)
-    tuned.check(save)
-    with at_machine(tuned.machine, port, baud, trace, pen=pen, moves=False) as session:
+    tuned = _Tuned(profile, heights, down=True, pen=pen)
+    tuned.check()
+    with at_machine(tuned.machine, reached, pen=pen, moves=False) as session:
         session.lower()
         if stay:
             session.down = session.taken = False
@@ -82,61 +73,53 @@ def pen_down(
             _hold_down(session, tuned, seconds)
     if not stay:
         typer.echo(f"the pen is up; it was down{tuned.text}")
-    if save:
-        tuned.save()
+    tuned.keep()
 
 
 @app.command("cycle")
+@grouped
 def pen_cycle(
     profile: MachineOption,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
-    height: HeightOption = None,
-    percent: PercentOption = None,
-    pwm: PwmOption = None,
-    deg: DegOption = None,
     pen: NamedPenOption = None,
     times: Annotated[int, typer.Option("--times", min=1, max=1000, help="Lower and raise it so often.")] = 3,
     rest: Annotated[float, typer.Option("--rest", min=0, max=60, help="Seconds that it rests at each end.")] = 0.5,
-    save: SaveOption = False,
-    trace: TraceOption = None,
+    *,
+    heights: HeightGroup,
+    reached: PortGroup,
 ) -> None:
     """Lower and raise the pen, again and again; with a value, down to that height."""
-    from strokeplan.plotter.profile import load_profile
-
-    tuned = _Tuned(profile, load_profile(profile), (height, percent, pwm, deg), down=True, pen=pen)
-    tuned.check(save)
-    with at_machine(tuned.machine, port, baud, trace, pen=pen, moves=False) as session:
+    tuned = _Tuned(profile, heights, down=True, pen=pen)
+    tuned.check()
+    with at_machine(tuned.machine, reached, pen=pen, moves=False) as session:
         session.cycle(times, rest)
     typer.echo(f"the pen is up; it was down{tuned.text} {times} times")
-    if save:
-        tuned.save()
+    tuned.keep()
 
 
 class _Tuned:
     """A height that is tried: the profile with it, and how it is kept."""
 
-    def __init__(
-        self, name: str, machine: Profile, given: tuple[float | None, ...], *, down: bool, pen: str | None = None
-    ) -> None:
+    def __init__(self, name: str, heights: HeightGroup, *, down: bool, pen: str | None = None) -> None:
         from strokeplan.errors import InputError
         from strokeplan.plotter.driving import tuning
+        from strokeplan.plotter.profile import load_profile
 
-        self.name, self.machine, self.pen = name, machine, pen
+        self.name, self.machine, self.pen = name, load_profile(name), pen
+        self.kept = heights.save
         self.key: str | None = None
         self.value: float | None = None
-        options = dict(zip(("mm", "percent", "pwm", "deg"), given, strict=True))
+        options = {"mm": heights.height, "percent": heights.percent, "pwm": heights.pwm, "deg": heights.deg}
         wanted = {unit: value for unit, value in options.items() if value is not None}
         if pen is not None:
-            tuning.pen_index(machine, pen)
-        if wanted or type(machine.tool) in tuning.DOWN:
-            self.key = tuning.key_of(machine, down=down)
-            self.value = tuning.value_of(machine, self.key, pen)
+            tuning.pen_index(self.machine, pen)
+        if wanted or type(self.machine.tool) in tuning.DOWN:
+            self.key = tuning.key_of(self.machine, down=down)
+            self.value = tuning.value_of(self.machine, self.key, pen)
         for unit, value in wanted.items():
             right = tuning.unit_of(self.key or "")
             if unit != right:
                 raise InputError(
-                    f"{tuning.UNITS[unit]} is not for {machine.name}, whose pen is set by {tuning.UNITS[right]}"
+                    f"{tuning.UNITS[unit]} is not for {self.machine.name}, whose pen is set by {tuning.UNITS[right]}"
                 )
             if not isfinite(value):
                 raise InputError(f"{tuning.UNITS[unit]} {value} is no number")
@@ -161,12 +144,17 @@ class _Tuned:
         """ " at 300 (down_pwm)"; nothing for a pen without heights."""
         return "" if self.value is None else f" at {self.value:g} ({self.key})"
 
-    def check(self, save: bool) -> None:
+    def check(self) -> None:
         """Raise InputError for --save with nothing to save, before anything moves."""
         from strokeplan.errors import InputError
 
-        if save and self.value is None:
+        if self.kept and self.value is None:
             raise InputError(f"--save: no height is given, and the profile {self.name} has none to begin with")
+
+    def keep(self) -> None:
+        """Save it, if that is asked for."""
+        if self.kept:
+            self.save()
 
     def save(self) -> None:
         """Write it into the user's profile, and say where."""

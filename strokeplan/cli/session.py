@@ -1,29 +1,24 @@
-"""What the commands that set a machine up share: a session that ends pen up, and a line about it."""
+"""What commands at a machine share: a port that is closed again, a trace, a session that ends pen up."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from strokeplan.cli.options import PortGroup
     from strokeplan.plotter.driving.setup import Session
     from strokeplan.plotter.profile import Point, Profile
-
-SetupPortOption = Annotated[
-    str, typer.Option("--port", metavar="PORT|URL", help="As for plot; auto: the only one that fits the machine.")
-]
 
 
 @contextmanager
 def at_machine(
     machine: Profile,
-    port: str,
-    baud: int | None,
-    trace: Path | None,
+    reached: PortGroup,
     *,
     home: bool = False,
     at: Point | None = None,
@@ -31,7 +26,6 @@ def at_machine(
     moves: bool = True,
 ) -> Iterator[Session]:
     """A session with a machine that was greeted, its pen up; whatever ends the block, the pen is up afterwards."""
-    from strokeplan.cli.driving import opened, traced
     from strokeplan.cli.operator import signals_heard
     from strokeplan.plotter.driving.codecs import baud_of
     from strokeplan.plotter.driving.link import Link
@@ -39,10 +33,10 @@ def at_machine(
     from strokeplan.plotter.driving.setup import Session, Watch
     from strokeplan.plotter.driving.transport import open_port
 
-    device, watch = chosen(port, machine), Watch()
+    device, watch = chosen(reached.port, machine), Watch()
     with (
-        traced(trace) as record,
-        opened(open_port(device, baud or baud_of(machine))) as transport,
+        traced(reached.trace) as record,
+        opened(open_port(device, reached.baud or baud_of(machine))) as transport,
         signals_heard(watch.interrupted),
     ):
         keep_awake(transport)
@@ -67,3 +61,27 @@ def where(session: Session) -> str:
     """ "at X1.00 Y2.00, pen up"."""
     pen = "down" if session.down else "up"
     return f"at X{session.at[0] + 0.0:.2f} Y{session.at[1] + 0.0:.2f}, pen {pen}"
+
+
+@contextmanager
+def opened(transport: Any) -> Iterator[Any]:
+    try:
+        yield transport
+    finally:
+        transport.close()
+
+
+@contextmanager
+def traced(path: Path | None) -> Iterator[IO[str] | None]:
+    from strokeplan.errors import OutputError
+    from strokeplan.files import check_writable
+
+    if path is None:
+        yield None
+        return
+    check_writable(path)
+    try:
+        with path.open("w", encoding="ascii") as stream:
+            yield stream
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror})") from None

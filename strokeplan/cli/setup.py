@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from strokeplan.cli.driving import BaudOption, MachineOption, TraceOption
 from strokeplan.cli.jogging import jog_by_keys, need_terminal, put_corner
 from strokeplan.cli.machines import plot_options
-from strokeplan.cli.options import LayoutGroup, LinesGroup, PlanArgument, grouped
-from strokeplan.cli.session import SetupPortOption, at_machine, where
+from strokeplan.cli.options import HomeOption, LayoutGroup, LinesGroup, MachineOption, PlanArgument, PortGroup, grouped
+from strokeplan.cli.session import at_machine, where
 
 if TYPE_CHECKING:
     from strokeplan.plotter.driving.setup import Session
     from strokeplan.plotter.profile import Point, Profile
 
-HomeFirstOption = Annotated[bool, typer.Option("--home", help="Have the machine look for its switches first.")]
 AtOption = Annotated[
     str | None,
     typer.Option("--at", metavar="X,Y", help="Where the pen stands now, in mm, for a machine that does not know."),
@@ -50,6 +48,7 @@ def ports(
         typer.echo(f"{port.device:<14} {port.describe()}{said}")
 
 
+@grouped
 def jog(
     profile: MachineOption,
     by: Annotated[
@@ -57,11 +56,10 @@ def jog(
         typer.Argument(metavar="X Y", help="By how much, in mm of the machine; none: with the arrow keys."),
     ] = None,
     to: Annotated[str | None, typer.Option("--to", metavar="X,Y", help="To a place instead, in mm.")] = None,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
-    home: HomeFirstOption = False,
+    home: HomeOption = False,
     at: AtOption = None,
-    trace: TraceOption = None,
+    *,
+    reached: PortGroup,
 ) -> None:
     """Move the pen, up, within the travel of the profile."""
     from strokeplan.errors import InputError
@@ -80,7 +78,7 @@ def jog(
         _check_step(machine, start, step)
     if step is None and place is None:
         need_terminal("jog without X Y")
-    with at_machine(machine, port, baud, trace, home=home, at=start) as session:
+    with at_machine(machine, reached, home=home, at=start) as session:
         if step is not None:
             place = session.at[0] + step[0], session.at[1] + step[1]
         if place is not None:
@@ -90,26 +88,25 @@ def jog(
         typer.echo(where(session))
 
 
-def home(
-    profile: MachineOption, port: SetupPortOption = "auto", baud: BaudOption = None, trace: TraceOption = None
-) -> None:
+@grouped
+def home(profile: MachineOption, *, reached: PortGroup) -> None:
     """Have the machine look for its switches, after which it knows where it is."""
     from strokeplan.plotter.profile import load_profile
 
-    with at_machine(load_profile(profile), port, baud, trace, home=True) as session:
+    with at_machine(load_profile(profile), reached, home=True) as session:
         typer.echo(f"home; {where(session)}")
 
 
+@grouped
 def origin(
     profile: MachineOption,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
-    home: HomeFirstOption = False,
+    home: HomeOption = False,
     save: Annotated[
         bool,
         typer.Option("--save", help="Write the place into your own profile instead, for a machine that knows places."),
     ] = False,
-    trace: TraceOption = None,
+    *,
+    reached: PortGroup,
 ) -> None:
     """Let the page's origin corner be where the pen stands; nothing is written into the machine."""
     from strokeplan.plotter.driving.setup import check_corner
@@ -117,7 +114,7 @@ def origin(
 
     machine = load_profile(profile)
     check_corner(machine)
-    with at_machine(machine, port, baud, trace, home=home) as session:
+    with at_machine(machine, reached, home=home) as session:
         if save:
             _save_corner(session, profile)
         else:
@@ -128,12 +125,10 @@ def origin(
 def frame(
     plan: PlanArgument,
     profile: MachineOption,
-    port: SetupPortOption = "auto",
-    baud: BaudOption = None,
     times: Annotated[int, typer.Option("--times", min=1, max=99, help="Go around so often.")] = 1,
-    home: HomeFirstOption = False,
-    trace: TraceOption = None,
+    home: HomeOption = False,
     *,
+    reached: PortGroup,
     layout: LayoutGroup,
 ) -> None:
     """Walk around the drawing, pen up, as `plot` would lay it on the sheet; and back."""
@@ -148,7 +143,7 @@ def frame(
     (left, low), (right, high) = way[0], way[2]
     typer.echo(f"{'page':<11} {drawing.transform.describe()}")
     typer.echo(f"{'drawing':<11} X {left:.2f}..{right:.2f}, Y {low:.2f}..{high:.2f} mm")
-    with at_machine(machine, port, baud, trace, home=home) as session:
+    with at_machine(machine, reached, home=home) as session:
         for _ in range(times):
             session.walk(way)
         typer.echo(where(session))
