@@ -1,7 +1,7 @@
 """The strokes of all layers, wide to fine on one canvas, in the way that suits a preset and its budget.
 
 In the paper's way wherever a cell differs (painting.py); for what they improve, and wherever else a preset asks for
-what the paper has not (pursuit/); or, where they are to be few, each searched for (search.py).
+what the paper has not (pursuit/); or, where they are to be few, each searched for (searching/).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from strokeplan.palette import color_table, plan_palette
 from strokeplan.presets import Preset
 from strokeplan.pursuit import Pursuit
 from strokeplan.pursuit.rules import layer_rules, pursuit_brush
-from strokeplan.search import search
+from strokeplan.searching import search
 from strokeplan.workers import Workers
 
 UNSEEN = 290.0

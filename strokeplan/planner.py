@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strokeplan import budget, drawing, painting, pursuit, search
+from strokeplan import budget, drawing, painting, pursuit, searching
 from strokeplan.assembling import assemble, on_canvas
 from strokeplan.canvas import unpack
 from strokeplan.errors import InputError, StrokeplanWarning
@@ -159,7 +159,7 @@ def plan(
 
 def compiled() -> bool:
     """Whether the kernels are in Numba's cache; if not, the first plan compiles them."""
-    return painting.compiled() and pursuit.compiled() and search.compiled()
+    return painting.compiled() and pursuit.compiled() and searching.compiled()
 
 
 def warm_up() -> None:
