@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 MAX_STROKES = 10_000_000
 DETAIL_RANGE = 16.0
 """What a stroke must gain is divided by this at detail 1, and multiplied at detail 0; thresholds by its root."""
-SEARCHED = 800
-"""No more strokes than this are searched for one by one, which takes as long for any number and pays for few."""
-FINEST, FINEST_EXPONENT = 25.0, -0.25
+SEARCHED = 4_000
+"""No more strokes than this are searched for, each on its own and all together: of more, that takes longer than a
+pursuit does."""
+FINEST, FINEST_EXPONENT, LEAST_FINEST = 20.0, -0.25, 2.9
 """The finest brush of a search: for a single stroke, in thousandths of √(width · height), and the power of their number
-with which it falls. The picture's resolution follows from it; the search rarely goes as fine."""
+with which it falls, down to the last. The picture's resolution follows from it; the search rarely goes as fine."""
 FEW = 4.0
 """The widest brush for a budget is as wide as squares so many times as large as the strokes' share of the canvas."""
 LONGEST, BROADEST_SIGMA = 1000.0, 30.0
@@ -80,7 +81,7 @@ def for_strokes(preset: Preset, strokes: int | None) -> Preset:
     if preset.lengths == "pixels":
         return preset
     if searched(preset, strokes):
-        finest = msgspec.structs.replace(preset.layers[0], width=FINEST * strokes**FINEST_EXPONENT)
+        finest = msgspec.structs.replace(preset.layers[0], width=max(FINEST * strokes**FINEST_EXPONENT, LEAST_FINEST))
         return msgspec.structs.replace(preset, layers=(finest,))
     first, needed = preset.layers[0], 1000 * sqrt(FEW / strokes)
     layers = list(preset.layers)

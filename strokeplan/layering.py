@@ -1,7 +1,7 @@
 """The strokes of all layers, wide to fine on one canvas, in the way that suits a preset and its budget.
 
 In the paper's way wherever a cell differs (painting.py); for what they improve, and wherever else a preset asks for
-what the paper has not (pursuit/); or, where they are to be few, each searched for (search.py).
+what the paper has not (pursuit/); or, where they are to be few, each searched for (searching/).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from strokeplan import budget, painting, pursuit, search
+from strokeplan import budget, painting, pursuit, searching
 from strokeplan.canvas import Packed, mean_distance, pack
 from strokeplan.field import OrientationField
 from strokeplan.image import Photo
@@ -85,17 +85,17 @@ class Job:
 
 def paint_layers(job: Job, style: Preset, most: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
     """Strokes of all layers in the way that suits the preset and the budget, and the canvas."""
-    ways = {painting: _paint_by_threshold, search: _search, pursuit: _pursue}
+    ways = {painting: _paint_by_threshold, searching: _search, pursuit: _pursue}
     return ways[way(style, most, job.mask is not None)](job, most, workers)
 
 
 def way(style: Preset, most: int | None, masked: bool) -> ModuleType:
-    """What lays the strokes: `painting` where a style asks for nothing but what the paper describes, `search` for few
-    strokes, else `pursuit`."""
+    """What lays the strokes: `painting` where a style asks for nothing but what the paper describes, `searching` for
+    few strokes, else `pursuit`."""
     further = style.keep == "gain" or style.seeding != "grid" or style.cover or style.importance or style.regions
     if not (further or style.thin or masked):
         return painting
-    return search if budget.searched(style, most) else pursuit
+    return searching if budget.searched(style, most) else pursuit
 
 
 def _paint_by_threshold(job: Job, _: int | None, workers: Workers) -> tuple[list[LayerStrokes], Packed]:
@@ -127,7 +127,7 @@ def _search(job: Job, most: int | None, workers: Workers) -> tuple[list[LayerStr
     assert most is not None  # noqa: S101 (no budget, no search)
     preset, weight, began = job.preset, _weight(job), perf_counter()
     picture = Pursuit.begin(job.pixels, weight, job.background, preset.cap == "round", workers=workers)
-    strokes = search.search(
+    strokes = searching.search(
         job.pixels,
         weight,
         most,

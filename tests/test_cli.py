@@ -960,7 +960,7 @@ def test_figures_that_cannot_be_drawn_are_refused(refused: Refused, arguments: t
     refused(arguments, words)
 
 
-@pytest.mark.parametrize("options", [(), ("--strokes", "1000"), ("--strokes", "50"), PAPER])
+@pytest.mark.parametrize("options", [(), ("--strokes", "5000"), ("--strokes", "50"), PAPER])
 def test_at_a_terminal_a_run_shows_its_progress_and_ends_well(folder: Path, options: tuple[str, ...]) -> None:
     ours, theirs = pty.openpty()
     start = [sys.executable, "-m", "strokeplan", "plan", "photo.png", "-o", "out.json", *options]

@@ -18,7 +18,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 import strokeplan
-from strokeplan import painting, planner, pursuit, search
+from strokeplan import painting, planner, pursuit, searching
 from strokeplan.budget import SEARCHED
 from strokeplan.canvas import Packed, paint_chain, unpack
 from strokeplan.formats import json as strokes_json
@@ -360,7 +360,7 @@ EVERY_OPTION = {
         ("paper", None, False, painting),
         ("paper", None, True, pursuit),
         ("fine", None, False, pursuit),
-        ("fine", 100, False, search),
+        ("fine", 100, False, searching),
         ("fine", SEARCHED + 1, False, pursuit),
     ],
 )
@@ -375,7 +375,7 @@ def test_a_run_compiles_what_it_needs_and_no_more(
         assert most is None or most == 2 or most > SEARCHED  # a search takes seconds, however small the photo
         return paint_layers(job, load_preset("paper"), None, workers)
 
-    for module in (painting, pursuit, search):
+    for module in (painting, pursuit, searching):
         monkeypatch.setattr(module, "compiled", partial(used.append, module))
     monkeypatch.setattr(planner, "paint_layers", paint)
     recipe = Recipe(load_preset(preset), strokes=strokes)
