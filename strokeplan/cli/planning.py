@@ -93,8 +93,9 @@ def plan(
     if palette is not None:
         style = style.override(msgspec.to_builtins(parse_palette(palette)))
     recipe = recipe._replace(preset=style)
+    planned, most = budget.within(recipe, strokes, detail)
     # While this thread imports Numba.
-    reading = begin(load_for, image, budget.within(recipe, strokes, detail)[0])
+    reading = begin(load_for, image, planned)
     from strokeplan import planner
 
     waiting = perf_counter()
@@ -103,7 +104,7 @@ def plan(
     formats.check_canvas(output, photo.width, photo.height)
     compile_kernels("planner", recipe, strokes, detail, mask is not None)
     # While this thread runs kernels, for which no other thread of Python has to wait.
-    if style.keep == "gain":
+    if planned.keep == "gain" and not budget.searched(planned, most):
         begin(planner.load_kernels)
     begin(formats.prepare, output)
     reports: list[Report] = []
