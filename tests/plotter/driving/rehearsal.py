@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field
 from itertools import count
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -141,22 +142,53 @@ def rehearse(
     result = Rehearsal(job, port, [])
     left = list(wishes or ())
     for _ in range(most):
-        run = _run(job, port, log, left)
+        run = run_once(job, port, log, left)
         result.runs.append(run)
         if run.ending.finished:
             break
         left = [one for one in left if one[0] > port.now()]
-        _set_right(port, job)
+        set_right(port, job)
         port = result.port = port.reopen(1.0)
     return result
 
 
-def _run(job: Program, port: SimulatedPort, path: Path, wishes: list[tuple[float, Wish]]) -> Run:
+class Killed(BaseException):
+    """The host's process is gone."""
+
+
+class _Mortal:
+    """A port of a process that is killed at a time: from then on nothing that it tries is done."""
+
+    def __init__(self, port: SimulatedPort, dies_s: float) -> None:
+        self.port, self.dies_s = port, dies_s
+
+    def _alive(self) -> SimulatedPort:
+        if self.port.now() >= self.dies_s:
+            raise Killed
+        return self.port
+
+    def write(self, data: bytes) -> int:
+        return self._alive().write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._alive().read(timeout_s)
+
+    def now(self) -> float:
+        return self._alive().now()
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def run_once(
+    job: Program, port: SimulatedPort, path: Path, wishes: list[tuple[float, Wish]], *, dies_s: float = inf
+) -> Run:
+    """One run of a job from where its log at `path` is, by a process that may be killed at a time."""
     work = script(job)
     person = Person(port, list(wishes))
     log = Journal(path, work.describe, sync=lambda _: None)
     first, begin_s = log.done, port.now()
-    link = Link(port, emergency=person.emergency)
+    link = Link(_Mortal(port, dies_s), emergency=person.emergency)
     codec = codec_for(job.profile, work.phrases(0))
     try:
         codec.greet(link)
@@ -165,13 +197,15 @@ def _run(job: Program, port: SimulatedPort, path: Path, wishes: list[tuple[float
         ending = Ending(first, False, "stopped while greeting", False, False)
     except StrokeplanError as error:
         ending = Ending(first, False, f"greeting: {error}", False, False)
+    except Killed:
+        ending = Ending(first, False, "killed", False, False)
     finally:
         log.close()
     device = port.device
     return Run(first, ending, begin_s, port.now(), device.pen_down, device.link)
 
 
-def _set_right(port: SimulatedPort, job: Program) -> None:
+def set_right(port: SimulatedPort, job: Program) -> None:
     """What a person does after a run that failed."""
     device = getattr(port.device, "device", port.device)
     port.wait(20.0)
@@ -230,7 +264,7 @@ def check(result: Rehearsal, near: float = NEAR_MM) -> None:
 
 def missing(job: Program, drawn: Drawn, near: float = NEAR_MM) -> list[str]:
     """The lines of a job that are not drawn from end to end."""
-    everything = np.concatenate([_dense(line) for line in drawn.lines])
+    everything = np.concatenate([np.empty((0, 2)), *map(_dense, drawn.lines)])
     gaps = [_gaps(line, everything) > near + 0.15 for line in lines_of(job)]
     return [f"line {j}: {gap.sum()} of {len(gap)} points are missing" for j, gap in enumerate(gaps) if gap.any()]
 
