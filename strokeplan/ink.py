@@ -27,7 +27,7 @@ from strokeplan import inking
 from strokeplan.errors import InputError
 from strokeplan.field import OrientationField, orientation_field
 from strokeplan.image import Photo, grey
-from strokeplan.ink_budget import Budget, own_budgets, within
+from strokeplan.ink_budget import Budget, grant, own_budgets, within
 from strokeplan.ink_presets import BUDGETS, InkPreset, InkRecipe, find_ink
 from strokeplan.inking import Job, lines_of
 from strokeplan.linework import Lines, chains, joined
@@ -92,13 +92,13 @@ def draw(
     ]
     told = _Told(progress, len(jobs) * inking.steps(recipe.preset))
 
-    def with_less(less: float) -> StrokePlan:
+    def at_price(price: float) -> StrokePlan:
         told.begin()
-        parts = [np.maximum(demand - np.float32(less), 0) for demand in demands]
+        parts = [grant(demand, price) for demand in demands]
         drawn = _at_once(lambda pen: lines_of(parts[pen], jobs[pen], told.step), len(jobs), threads)
         return _assemble(drawn, photo, recipe, pens, page, sheet)
 
-    return within(with_less, demands, limits)
+    return within(at_price, demands, limits)
 
 
 class _Told:

@@ -1,9 +1,12 @@
 """The best drawing that a budget of strokes, length or time allows for.
 
-A budget is met by asking for less ink: λ is taken from every demand, which for a given sum of ink leaves the least
-sum of squared differences, so the lightest tones are the first to stay paper. What a drawing costs follows the ink
-that is asked for, nearly: λ is found by a secant on the logarithms of both, within a bracket, and the first guess is
-as good as that rule.
+A budget is met by giving ink a price: of each demand so much is granted as makes the squared difference and the price
+together least, which for a given sum of ink leaves the least sum of squared differences. A difference is one of tone,
+half as it is seen (L*), half as it is measured (the part of the paper that is covered): as an eye sees, ink does most
+where there is much already, so shadows keep their depth and the lightest tones are the first to stay paper.
+
+What a drawing costs follows the ink that is granted, nearly: the price is found by a secant on the logarithms of both,
+within a bracket, and the first guess is as good as that rule.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from strokeplan.errors import InputError
 from strokeplan.ink_presets import InkRecipe
+from strokeplan.separation import lightness
 from strokeplan.strokes import StrokePlan
 
 Budget = tuple[Callable[[StrokePlan], float], float]
@@ -29,6 +33,10 @@ NEAR_ENOUGH = 0.97
 """A drawing that uses this part of a budget is the one."""
 AIM = 0.985
 """The part of a budget that the next drawing aims at: two with nearly the same λ differ by some half a per cent."""
+SEEN = 0.5
+"""The part of a difference that is one of L*; the rest is one of coverage, in hundredths."""
+LEVELS = 401
+"""Demands are granted by a table of so many, from 0 to 1."""
 COARSELY = 4
 """The ink that is asked for is summed over every so many-th pixel."""
 SECONDS = {"h": 3600.0, "min": 60.0, "m": 60.0, "s": 1.0}
@@ -74,19 +82,20 @@ def within(
 ) -> StrokePlan:
     """The drawing of the most ink that all budgets allow for.
 
-    `drawing` makes that of λ, and `demands` are what it takes λ from. Raises InputError where not even a stroke fits.
+    `drawing` makes that of a price, at which it grants what is asked for in `demands`. Raises InputError where not even
+    a stroke fits.
     """
     best = drawing(0.0)
     share = _share(best, budgets)
     if share <= 1:
         return best
     asked = _Asked(demands)
-    low, high = 0.0, asked.most
+    low, high = 0.0, asked.highest
     fits, used = None, 0.0
     power, before = 1.0, (asked.ink(0.0), share)
     for _ in range(SEARCHES):
         ink, cost = before
-        guess = asked.less(ink * (AIM / cost) ** (1 / power)) if cost > 0 else low
+        guess = asked.price(ink * (AIM / cost) ** (1 / power)) if cost > 0 else low
         if not low < guess < high:
             guess = 0.5 * (low + high)
         plan = drawing(guess)
@@ -105,23 +114,48 @@ def within(
     return fits
 
 
+def grant(demand: NDArray[np.float32], price: float) -> NDArray[np.float32]:
+    """(h, w) what is granted of a demand at a price of ink; at 0, all."""
+    if price <= 0:
+        return demand
+    return np.interp(demand, _LEVELS, _granted(price)).astype(np.float32)
+
+
+def _granted(price: float) -> NDArray[np.float64]:
+    """(LEVELS,) what is granted of each level."""
+    granted: NDArray[np.float64] = _LEVELS[np.argmin(_DIFFERENCES + price * _LEVELS, axis=1)]
+    return granted
+
+
+def _differences() -> NDArray[np.float64]:
+    """(LEVELS, LEVELS) squared difference of each level that is asked for and each that is granted; none is more."""
+    asked, granted = np.meshgrid(_LEVELS, _LEVELS, indexing="ij")
+    light = lightness((1 - _LEVELS).astype(np.float32)).astype(np.float64)
+    seen, measured = light[:, None] - light, 100 * (asked - granted)
+    return np.where(granted > asked, np.inf, SEEN * seen**2 + (1 - SEEN) * measured**2)
+
+
+_LEVELS = np.linspace(0, 1, LEVELS)
+_DIFFERENCES = _differences()
+
+
 class _Asked:
-    """How much ink is asked for once λ is taken from every demand."""
+    """How much ink is granted at a price."""
 
     def __init__(self, demands: Sequence[NDArray[np.float32]]) -> None:
         values = np.concatenate([demand[::COARSELY, ::COARSELY].ravel() for demand in demands])
-        self._values = np.sort(values.astype(np.float64))
-        self._above = np.cumsum(self._values[::-1])[::-1]
-        self.most = float(self._values[-1])
+        self._pixels = np.bincount(np.rint(values * (LEVELS - 1)).astype(np.int64), minlength=LEVELS)
+        self.highest = 1.0
+        while self.ink(self.highest) > 0:
+            self.highest *= 2
 
-    def ink(self, less: float) -> float:
-        """The sum of what is above λ."""
-        at = int(np.searchsorted(self._values, less))
-        return float(self._above[at] - less * (len(self._values) - at)) if at < len(self._values) else 0.0
+    def ink(self, price: float) -> float:
+        """The sum of what is granted."""
+        return float(self._pixels @ _granted(price))
 
-    def less(self, ink: float) -> float:
-        """The λ for which that sum is `ink`."""
-        low, high = 0.0, self.most
+    def price(self, ink: float) -> float:
+        """The price at which that sum is `ink`."""
+        low, high = 0.0, self.highest
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.ink(middle) > ink else (low, middle)

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
@@ -19,7 +21,7 @@ from strokeplan.drawing import check_reach, draw, page_for
 from strokeplan.errors import InputError, PresetError
 from strokeplan.image import Photo
 from strokeplan.ink import Progress
-from strokeplan.ink_budget import length_mm, parse_time
+from strokeplan.ink_budget import grant, length_mm, parse_time
 from strokeplan.ink_presets import find_ink, ink_names, ink_source, override_ink
 from strokeplan.page import Page
 from strokeplan.pens import load_pens
@@ -133,6 +135,34 @@ def test_a_budget_is_kept_and_used(small_picture: NDArray[np.uint8], drawing: st
     assert 0.7 * len(drawing) / 2 < len(few) <= len(drawing) // 2
     ample = strokeplan.plan(small_picture, "engraving", page=CARD, max_length_mm=10 * limit)
     assert ample.points.tobytes() == drawing.points.tobytes()
+
+
+@given(st.lists(st.integers(0, 400), min_size=2, max_size=40), st.floats(1, 3000), st.integers(0, 2**32))
+def test_no_other_way_to_spend_the_ink_that_is_granted_differs_less(asked: list[int], price: float, seed: int) -> None:
+    demand = np.array(asked, np.float32)[None] / 400
+    granted = grant(demand, price)
+    assert np.all(granted <= demand)
+    assert np.all(np.diff(granted[0][np.argsort(demand[0])]) >= 0)
+    assert np.all(grant(demand, 1.5 * price) <= granted)
+
+    def differing(tones: NDArray[np.float32]) -> float:
+        seen = lightness(1 - tones.astype(np.float32)) - lightness(1 - demand)
+        return float((0.5 * seen**2 + 0.5 * (100 * (tones - demand)) ** 2).sum())
+
+    rng = np.random.default_rng(seed)
+    for _ in range(20):  # as much of one demand less as of another more
+        i, j = rng.integers(0, demand.size, 2)
+        other = granted.copy()
+        moved = rng.integers(0, 1 + round(400 * min(float(other[0, i]), float(demand[0, j] - other[0, j])))) / 400
+        other[0, i] -= moved
+        other[0, j] += moved
+        assert differing(granted) <= differing(other) + 1e-2
+
+
+def test_all_is_granted_where_ink_is_free() -> None:
+    demand = np.random.default_rng(0).random((7, 9)).astype(np.float32)
+    assert grant(demand, 0.0) is demand
+    assert not grant(demand, 1e5).any()
 
 
 def test_a_time_is_that_of_the_machine(small_picture: NDArray[np.uint8], tmp_path: Path) -> None:

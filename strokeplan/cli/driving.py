@@ -276,7 +276,7 @@ def _report(job: Job, work: Script, ending: Ending) -> None:
     if ending.finished:
         typer.echo(f"{'drawn':<11} all {len(work):,} strokes; the journal stays: strokeplan jobs remove {job.name}")
         return
-    pen = "the pen is up" if ending.pen_up else "the machine was not reached: see to the pen"
+    pen = "the pen is up" if ending.pen_up else "see to the pen, which may be down"
     place = "" if ending.position_known else "; its position is lost: home it, or set its origin"
     raise DriveError(
         f"{ending.reason}; {ending.done:,} of {len(work):,} strokes are drawn; {pen}{place}; "

@@ -107,6 +107,8 @@ class Codec(Protocol):
 
     kept: bool
     """After `greet`: whether the machine knows its place from before, so that nobody must put it to its origin."""
+    halted: str
+    """What the person must do after `emergency` before the machine listens again; "" where a greeting is enough."""
 
     def greet(self, link: Link) -> str:
         """Find out who is there; what it says of itself. Raises WrongDeviceError, DriveError (silent, locked)."""

@@ -124,7 +124,8 @@ class Session:
         except Emergency:
             with suppress(DriveError):
                 self.codec.emergency(self.link)
-            return DriveError("emergency stop: see to the pen; the machine has lost its place")
+            said = ("emergency stop: see to the pen", "the machine has lost its place", self.codec.halted)
+            return DriveError("; ".join(filter(None, said)))
         except DriveError as error:
             also = "" if str(error) == reason else f"; then {error}"
             return DriveError(f"{reason}{also}; see to the pen")

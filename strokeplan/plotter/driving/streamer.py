@@ -235,7 +235,7 @@ class Streamer:
     def _emergency(self) -> Ending:
         with suppress(StrokeplanError):
             self.codec.emergency(self.link)
-        return self._end("emergency stop", pen_up=False, known=False)
+        return self._end("; ".join(filter(None, ("emergency stop", self.codec.halted))), pen_up=False, known=False)
 
     def _end(self, reason: str, *, finished: bool = False, pen_up: bool = True, known: bool = True) -> Ending:
         try:

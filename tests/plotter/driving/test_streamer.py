@@ -180,6 +180,16 @@ def test_a_brush_on_a_servo_paints_to_its_end_and_goes_on_with_a_full_one(tmp_pa
     assert again.port.device.drawn.lines[resumed][0, 0] < 70, "it begins at a pan"
 
 
+def test_a_marlin_that_was_halted_is_to_be_reset() -> None:
+    """It holds the pen where it was, and hears nothing before somebody has pressed its button."""
+    ending, person = drive(short_job("ender3"), Memory(), [(5.0, Wish.EMERGENCY)])
+    assert "reset the board or switch it off and on" in ending.reason
+    assert not ending.pen_up
+    person.port.write(b"M115\n")
+    person.port.wait(5.0)
+    assert b"FIRMWARE_NAME" not in person.port.read(0.0)
+
+
 def test_an_emergency_stops_at_once() -> None:
     job = short_job("grbl_servo")
     ending, person = drive(job, Memory(), [(5.0, Wish.EMERGENCY)])

@@ -62,6 +62,7 @@ class EbbCodec:
     """The codec of an EiBotBoard (codec.py tells what its methods are for)."""
 
     name = "EBB"
+    halted = ""
     kept = False  # EM counts from where the pen stands
 
     def __init__(self, phrases: Phrases) -> None:

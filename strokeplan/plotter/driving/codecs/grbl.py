@@ -89,6 +89,7 @@ class GrblCodec:
     """The codec of a GRBL (codec.py tells what its methods are for)."""
 
     name = NAME
+    halted = ""
 
     def __init__(self, phrases: Phrases, profile: Profile) -> None:
         self.phrases, self.profile = phrases, profile

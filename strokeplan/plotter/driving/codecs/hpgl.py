@@ -53,6 +53,7 @@ class HpglCodec:
     """The codec of a pen plotter (codec.py tells what its methods are for)."""
 
     name = "HP-GL"
+    halted = ""
     kept = True  # it finds its zero when it is switched on
 
     def __init__(self, phrases: Phrases, size: int) -> None:

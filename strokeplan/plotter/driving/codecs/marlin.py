@@ -73,6 +73,7 @@ class MarlinCodec:
     """The codec of a Marlin (codec.py tells what its methods are for)."""
 
     name = "Marlin"
+    halted = "Marlin listens no more: lift the pen, and reset the board or switch it off and on"
 
     def __init__(self, phrases: Phrases, profile: Profile) -> None:
         self.phrases, self.profile = phrases, profile

@@ -44,6 +44,7 @@ class UarmCodec:
     """The codec of a uArm (codec.py tells what its methods are for)."""
 
     name = "uArm"
+    halted = ""
     kept = True  # it measures its joints
 
     def __init__(self, phrases: Phrases) -> None:
