@@ -20,7 +20,7 @@ CALL = "from strokeplan.cli import main; main()"
 # Python ignores Ctrl-C where its parent does, as shells have it for jobs in the background.
 LISTENING = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0})); "
-AT_ONCE_S = 20
+AT_ONCE_S = 60
 """A machine that has other things to do may take so long; the picture would take minutes, the compiler as well."""
 
 
